@@ -293,8 +293,12 @@ class Registers(ExactSum):
         whole, rest = np.zeros((2, size), dtype=np.int64)
         energy = np.empty((size if all_of_use else 1, len(block))).T
         before, last = np.ascontiguousarray(np.broadcast_to(self._last[2], size)), np.empty(size)
-        half = 0.5 * duration
-        if not kernels.compiled.integrate(*_parts(block), before, half, last, energy, whole, rest):
+        cabinet = (block.grid_power, block.brake_power, block.loss_dc, block.loss_grid,
+                   block.capacitor_power)  # fmt: skip
+        joints = block.rigid_power, block.friction_power, block.drive_loss
+        powers = tuple(map(np.ascontiguousarray, cabinet)), tuple(map(np.asfortranarray, joints))
+        rooms = last, energy, whole, rest
+        if not kernels.compiled.integrate(*powers, before, 0.5 * duration, *rooms):
             return None  # what is not a number or too much becomes a gap
         self.add_counted(whole, rest, energy)
         return energy, last
@@ -324,14 +328,6 @@ class Registers(ExactSum):
         """Return a register of every joint, shape (n,). [J]"""
         start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
         return self.joule[start : start + self.n_joints]
-
-
-def _parts(block: PowerBlock) -> tuple[tuple[Float, ...], tuple[Float, ...]]:
-    """What the kernel makes the same of: powers of the cabinet, and of each joint. [W]"""
-    cabinet = (block.grid_power, block.brake_power, block.loss_dc, block.loss_grid,
-               block.capacitor_power)  # fmt: skip
-    joint = block.rigid_power, block.friction_power, block.drive_loss
-    return tuple(map(np.ascontiguousarray, cabinet)), tuple(map(np.asfortranarray, joint))
 
 
 def _columns(block: PowerBlock) -> Float:

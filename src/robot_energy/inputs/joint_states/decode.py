@@ -97,8 +97,8 @@ class RecordedTime:
         self.ordered &= self.last_ns <= received_ns[0] and bool((np.diff(received_ns) >= 0).all())
         self.last_ns = int(received_ns[-1])
         if len(dated_ns):
-            first, last = (int(stamp_ns[row]) - int(dated_ns[row]) for row in (0, -1))
-            self.ahead_ns = (self.ahead_ns or (first,))[0], last
+            first = self.ahead_ns[0] if self.ahead_ns else int(stamp_ns[0]) - int(dated_ns[0])
+            self.ahead_ns = first, int(stamp_ns[-1]) - int(dated_ns[-1])
 
     def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
         """Return how long messages came before the first sample and after the last one. [ns]"""

@@ -291,21 +291,23 @@ class JointStateIngest:
         self, runs: Sequence[StreamRun[JointBlock]], closing: bool = False
     ) -> JointBlock | None:
         """Make samples of messages that are known to belong to their epoch."""
-        parts: list[JointBlock | None] = []
+        parts: list[JointBlock] = []
         for run in runs:
             if run.new_epoch:
                 parts += self._end_of_epoch()
                 self.conflicts.begin_epoch(run.restless, run.first_ns)
                 self._merger.begin_epoch()
                 self._broken = True
-            parts.append(self._use(self._merger.step(run)))
+            if (part := self._use(self._merger.step(run))) is not None:
+                parts.append(part)
         if closing:
             parts += self._end_of_epoch()
-        return self._finished([part for part in parts if part is not None])
+        return self._finished(parts)
 
-    def _end_of_epoch(self) -> list[JointBlock | None]:
+    def _end_of_epoch(self) -> list[JointBlock]:
         """Take what waits for later messages of the epoch that ends."""
-        return [self._use(self._merger.flush()), self.conflicts.flush()]
+        parts = self._use(self._merger.flush()), self.conflicts.flush()
+        return [part for part in parts if part is not None]
 
     def _use(self, samples: JointBlock | None) -> JointBlock | None:
         """Leave out what two publishers contradict each other about."""
