@@ -88,7 +88,7 @@ MODULES = {
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        blocks coverage epochs hold pieces stamps streams time_series
+        blocks epochs pieces stamps streams time_series
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run

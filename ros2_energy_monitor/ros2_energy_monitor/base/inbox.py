@@ -291,7 +291,10 @@ class Inbox:
             middleware, or of the node's clock where it is not the system's or the middleware
             gives none. None if there are no messages.
         """
-        taken = list(self._take() if self.direct else self._popped())
+        taken = list(self._queue)  # by callbacks, or the trial in the constructor
+        self._queue.clear()
+        if self.direct:
+            taken += self._take()
         if not taken:
             return None
         messages = [message for message, _, _ in taken]
@@ -301,16 +304,12 @@ class Inbox:
         self._arrived_ns = time.monotonic_ns()
         if self._revival is not None:
             self._revival.heard(time.monotonic())
-        times = self._times([received for _, _, received in taken])
-        return RawBatch.from_messages(self.topic, self.msgtype, times, messages)
-
-    def _times(self, received: list[int]) -> list[int]:
-        """Times of receipt in the time of the node."""
         clock = self._node.get_clock()
-        now = clock.now().nanoseconds
+        now, system = clock.now().nanoseconds, True
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
-            return [now] * len(received)
-        return [time if 0 < time <= now else now for time in received]
+            system = False
+        times = [ns if system and 0 < ns <= now else now for _, _, ns in taken]
+        return RawBatch.from_messages(self.topic, self.msgtype, times, messages)
 
     def discard(self, rejections: RejectionLog) -> None:
         """Take every message that waits and count it as rejected, since the node is inactive.
@@ -356,7 +355,8 @@ class Inbox:
     @property
     def mismatches(self) -> int:
         """Publishers met so far whose quality of service does not fit."""
-        status = self._status(Event.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS)
+        kind = Event.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS
+        status = event_status(self._subscription.handle, kind)
         return 0 if status is None else int(status.total_count)
 
     @property
@@ -385,19 +385,15 @@ class Inbox:
             raw=True,
         )
 
-    def _status(self, kind: Event) -> Any:
-        return event_status(self._subscription.handle, kind)
-
     def met(self) -> tuple[int, int]:
         """Return how many publishers were ever matched, and how many are now."""
-        status = self._status(Event.RCL_SUBSCRIPTION_MATCHED)
+        status = event_status(self._subscription.handle, Event.RCL_SUBSCRIPTION_MATCHED)
         if status is None:
             return self._met_before + self.publishers, self.publishers
         return self._met_before + int(status.total_count), int(status.current_count)
 
     def _take(self) -> Iterator[Numbered]:
         """Yield from the queue of the middleware, at most as many as it holds."""
-        yield from self._popped()
         handle = self._subscription.handle
         try:
             with handle:
@@ -412,11 +408,6 @@ class Inbox:
     def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""
         self._queue.append(_numbered(message, info))
-
-    def _popped(self) -> Iterator[Numbered]:
-        """Yield what callbacks, or the trial in the constructor, have queued."""
-        while self._queue:
-            yield self._queue.popleft()
 
     def _fits(self) -> bool:
         """Try the internals of rclpy; a message that arrives meanwhile is kept."""

@@ -221,7 +221,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._stage.restart()
 
     def _publish(self, means: MeanBlock | None) -> None:
-        self.guard.run("publish.power", lambda: self.publish_power(means))
+        if means is not None:
+            self.guard.run("publish.power", partial(self.publish_power, means))
 
 
 def _alike(batch: RawBatch) -> Iterator[RawBatch]:

@@ -17,10 +17,10 @@ import numpy as np
 
 from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
+from robot_energy.accounting.registers import MAX_GAP_NS
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, PowerBlock
-from robot_energy.timeline.coverage import MAX_GAP_NS
 from robot_energy.timeline.pieces import CoveredPieces
 
 _COUNTS = ("known_ns", "missing_ns", "missing_count", "state_ns", "together_ns", "observed_ns")

@@ -255,10 +255,13 @@ class Averager:
         end = split + len(JOINT_REGISTERS) * n_joints
         deviation = power[:, end:-n_joints]
         measured = self._show(stamp)
+        held_ns, seen = ended.counted[:, _TIMES], ended.counted[:, _SEEN]
+        longest = held_ns == np.where(seen >= 0, held_ns, -1).max(axis=1, keepdims=True)
+        phase = np.where(longest, seen, -1).argmax(axis=1)  # of equal ones the later
         return MeanBlock(
             stamp_ns=stamp,
             quality=ended.quality,
-            phase=_longest(ended.counted[:, _TIMES], ended.counted[:, _SEEN]),
+            phase=phase,
             period=duration,
             coverage=np.minimum(np.maximum(share, 0.0), 1.0),
             cabinet=power[:, :split],
@@ -304,9 +307,3 @@ class Averager:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
         self._compared = [waiting[slice(done, None)]] if done < len(waiting) else []
         return rows
-
-
-def _longest(held_ns: Int, seen: Int) -> Int:
-    """The phase of each piece that held longest, of equal ones the later, shape (pieces,)."""
-    longest = held_ns == np.where(seen >= 0, held_ns, -1).max(axis=1, keepdims=True)
-    return np.where(longest, seen, -1).argmax(axis=1)

@@ -89,11 +89,6 @@ class BandCalibration:
         """Of them, those within the band of the standard deviation alone."""
         return int(self.counts[:, 2].sum())
 
-    def meter(self, location: MeterLocation) -> None:
-        """Say where the meter sits."""
-        if location is not MeterLocation.UNKNOWN:
-            self.location = location
-
     def reset(self) -> None:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)

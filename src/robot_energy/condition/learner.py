@@ -93,6 +93,8 @@ class ConditionLearner:
     A `robot_energy.pipeline.power_stage.Condition`.
 
     Attributes:
+        learns: Whether anything is learned.
+        applies: Whether predictions use what was learned.
         thermal: What estimates temperatures that no sensor measures.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
@@ -101,6 +103,8 @@ class ConditionLearner:
         limits = settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at
         assumed = settings.temperature_assumed
         self.learning = Learning.OFF if assumed else settings.learning
+        self.learns = self.learning is not Learning.OFF
+        self.applies = self.learning is Learning.APPLY
         self.thermal = ThermalObserver(model, not assumed, MeterCurve(*limits))
         self._model = model
         n_joints = len(model.joints)
@@ -121,16 +125,6 @@ class ConditionLearner:
         self._begin_part()
         self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
-
-    @property
-    def learns(self) -> bool:
-        """Whether anything is learned."""
-        return self.learning is not Learning.OFF
-
-    @property
-    def applies(self) -> bool:
-        """Whether predictions use what was learned."""
-        return self.learning is Learning.APPLY
 
     @property
     def in_use(self) -> bool:

@@ -30,6 +30,7 @@ from robot_energy.timeline.blocks import (
     Bits,
     Float,
     FrictionBlock,
+    HeldRows,
     Int,
     MeterBlock,
     Phase,
@@ -40,10 +41,8 @@ from robot_energy.timeline.blocks import (
     mark,
     sum_over_joints,
 )
-from robot_energy.timeline.hold import HeldRows
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
-OF_CABINET = ("loss_dc", "loss_grid", "brake_power", "capacitor_power", "grid_power")
 NEVER = 1e9  # s, some thirty years
 HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns]
 NO_SLOT = -1  # before the first sample
@@ -140,7 +139,7 @@ class SupplyStage:
             phase=phase,
             drive_loss=drawn - shaft,
             bus_power=bus,
-            **{name: getattr(balance, name) for name in OF_CABINET},
+            **balance.__dict__,
         )
 
 
@@ -373,7 +372,7 @@ class PowerStage:
             payload_mass=block.payload_mass,
             bus_power=bus,
             deviation=deviation,
-            **{name: getattr(balance, name) for name in OF_CABINET},
+            **balance.__dict__,
         )
         self._condition.step(power, measured_degc[-1])
         return power
