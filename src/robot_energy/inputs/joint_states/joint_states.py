@@ -35,9 +35,9 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
-from robot_energy.timeline.epochs import Reach
+from robot_energy.timeline.epochs import EpochRun, Reach
 from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
-from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
+from robot_energy.timeline.streams import StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -288,17 +288,17 @@ class JointStateIngest:
         self.order.interrupt()
 
     def _samples(
-        self, runs: Sequence[StreamRun[JointBlock]], closing: bool = False
+        self, runs: Sequence[tuple[JointBlock, EpochRun]], closing: bool = False
     ) -> JointBlock | None:
         """Make samples of messages that are known to belong to their epoch."""
         parts: list[JointBlock] = []
-        for run in runs:
+        for block, run in runs:
             if run.new_epoch:
                 parts += self._end_of_epoch()
                 self.conflicts.begin_epoch(run.restless, run.first_ns)
                 self._merger.begin_epoch()
                 self._broken = True
-            if (part := self._use(self._merger.step(run))) is not None:
+            if (part := self._use(self._merger.step(block, run.rising))) is not None:
                 parts.append(part)
         if closing:
             parts += self._end_of_epoch()
