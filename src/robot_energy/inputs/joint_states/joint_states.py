@@ -290,7 +290,7 @@ class JointStateIngest:
     def _samples(
         self, runs: Sequence[tuple[JointBlock, EpochRun]], closing: bool = False
     ) -> JointBlock | None:
-        """Make samples of messages that are known to belong to their epoch."""
+        """Make samples of messages that are known to belong to their epoch; count what waits."""
         parts: list[JointBlock] = []
         for block, run in runs:
             if run.new_epoch:
@@ -302,7 +302,14 @@ class JointStateIngest:
                 parts.append(part)
         if closing:
             parts += self._end_of_epoch()
-        return self._finished(parts)
+        rejections, first = self.rejections, int(self._stream.epochs.beginning)
+        rejections.accepted += first - self._first
+        self._first = first
+        stream, merger = self._stream, self._merger
+        rejections.waiting = merger.lead.shape[1] - first
+        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
+            rejections.waiting += 0 if holder.held is None else len(holder.held)
+        return self._finished(JointBlock.concatenate(parts)) if parts else None
 
     def _end_of_epoch(self) -> list[JointBlock]:
         """Take what waits for later messages of the epoch that ends."""
@@ -318,19 +325,9 @@ class JointStateIngest:
             self._broken = False
         return self.conflicts.step(samples)
 
-    def _finished(self, parts: list[JointBlock]) -> JointBlock | None:
-        """Number the segments, mark what is doubtful, and bring the account up to date."""
-        rejections, first = self.rejections, int(self._stream.epochs.beginning)
-        rejections.accepted += first - self._first
-        self._first = first
-        stream, merger = self._stream, self._merger
-        rejections.waiting = merger.lead.shape[1] - first
-        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
-            rejections.waiting += 0 if holder.held is None else len(holder.held)
-        if not parts:
-            return None
-        samples = JointBlock.concatenate(parts)
-        rejections.accepted += len(samples)
+    def _finished(self, samples: JointBlock) -> JointBlock:
+        """Count samples, number their segments and mark what is doubtful."""
+        self.rejections.accepted += len(samples)
         self.samples += len(samples)
         before = self.order.segment
         broken = samples.quality > 0
