@@ -137,14 +137,13 @@ class Energies:
 
     def __add__(self, other: Energies) -> Energies:
         """Return the sum of two time spans."""
+        sums = {
+            name: value + getattr(other, name)
+            for name, value in vars(self).items()
+            if name != "parts"
+        }
         return Energies(
-            self.duration + other.duration,
-            self.net + other.net,
-            self.positive + other.positive,
-            self.absolute + other.absolute,
-            self.electrical + other.electrical,
-            {key: self.parts[key] + other.parts[key] for key in self.parts},
-            self.cabinet + other.cabinet,
+            **sums, parts={key: self.parts[key] + other.parts[key] for key in self.parts}
         )
 
     @property

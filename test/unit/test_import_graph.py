@@ -35,7 +35,7 @@ MODULES = {
         prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline buckets drift_test joint_friction learner meter_fit meter_windows
+        baseline buckets drift joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
@@ -99,12 +99,12 @@ MODULES = {
         simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
-        findings history_tables identify joint_sums merged_friction merged_laws report run sisters
-        tables wear_history workers
+        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
+        findings fleet_run history_tables identify joint_sums merged_friction merged_laws report
+        sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
-        claims dataset_evidence evidence run speeds
+        advise claims dataset_evidence evidence speeds
     """,
     "robot_energy_fleet.documents": """
         advice fleet fleet_figures
@@ -168,7 +168,7 @@ MODULES = {
     "robot_energy_papers": """
         accuracy boat calibration drawings drive_study experiment held_out job_pool
         kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_figures paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce

@@ -15,6 +15,7 @@ from robot_energy.model import load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
+from robot_energy_fleet.advice.advise import _advice, _basis
 from robot_energy_fleet.advice.claims import (
     Claim,
     regenerative,
@@ -30,7 +31,6 @@ from robot_energy_fleet.advice.evidence import (
     RecordedEvidence,
     RecordedRest,
 )
-from robot_energy_fleet.advice.run import _advice, _basis
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.documents.advice import TITLES, advice_document
 from robot_energy_history.store import HistoryStore
