@@ -21,7 +21,7 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
         load_curve meter_checks meter_response plain_text power_curve record record_repair registers
-        sample_counts settings totals
+        sample_counts totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed

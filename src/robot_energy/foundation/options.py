@@ -62,7 +62,7 @@ class Option:
         """Refuse a value that makes no sense."""
         fits = value in self.choices if self.choices else True
         if self.unit and not self.choices:
-            fits = isinstance(value, Real) and not isinstance(value, bool)
+            fits = not isinstance(value, bool) and isinstance(value, Real)
             fits = fits and self.low <= cast("float", value) <= self.high
             fits = fits and (self.unit != "1" or value == int(cast("float", value)))
         if not fits:
