@@ -176,7 +176,7 @@ MODULES = {
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange prediction shared_bus
+        bus_exchange options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -261,7 +261,8 @@ LAYERS = {
         ("replay.api", "pipeline.online_monitor"),
     ),
     "robot_energy_plan": (
-        ("motion",),
+        ("motion", "optimization.rest_states"),
+        ("options",),
         ("bus_exchange", "prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),

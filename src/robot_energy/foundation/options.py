@@ -56,7 +56,7 @@ class Option:
         """What a value must be, in words."""
         if self.choices:
             return f"one of {', '.join(map(str, self.choices))}"
-        return f"number from {self.low:g} to {self.high:g}"
+        return f"a number from {self.low:g} to {self.high:g}"
 
     def check(self, name: str, value: object, verb: str) -> None:
         """Refuse a value that makes no sense."""

@@ -16,8 +16,18 @@ LATEST = 1e6  # of a time that is waited for or bridged [s]
 
 
 # fmt: off
+class PartOptions(TypedDict, total=False):
+    """Which part of a bag is read; all of it where nothing is said."""
+
+    start: Annotated[float | None, Option(
+        "read the bag from here on: seconds after its start, negative: before its end",
+        unit="s", group=PART)]
+    end: Annotated[float | None, Option(
+        "read the bag up to here, counted in the same way", unit="s", group=PART)]
+
+
 @described
-class ReplayOptions(TypedDict, total=False):
+class ReplayOptions(PartOptions, total=False):
     """What is read and how; all may be left out."""
 
     robot: Annotated[str | None, Option(
@@ -44,11 +54,6 @@ class ReplayOptions(TypedDict, total=False):
         "is not used)",
         value="MEANING", choices=(NONE, "motor_current", "motor_torque", "joint_torque"),
         group=TOPICS)]
-    start: Annotated[float | None, Option(
-        "read the bag from here on: seconds after its start, negative: before its end",
-        unit="s", group=PART)]
-    end: Annotated[float | None, Option(
-        "read the bag up to here, counted in the same way", unit="s", group=PART)]
     derivative_window: Annotated[float | None, Option(
         "length of the window over which acceleration is estimated (default 0.02 s); 2.5 times as "
         "long where the messages have no velocities",
