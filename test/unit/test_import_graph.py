@@ -119,7 +119,7 @@ MODULES = {
         savings schema spans store tariffs use
     """,
     "robot_energy_identify": """
-        bounds causes plausibility provenance run_all steps
+        bounds causes options plausibility provenance run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify identify_all

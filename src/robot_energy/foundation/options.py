@@ -60,7 +60,9 @@ class Option:
 
     def check(self, name: str, value: object, verb: str) -> None:
         """Refuse a value that makes no sense."""
-        fits = value in self.choices if self.choices else True
+        several = self.several and not isinstance(value, str)
+        values = cast("Collection[object]", value) if several else (value,)
+        fits = not self.choices or all(one in self.choices for one in values)
         if self.unit and not self.choices:
             fits = isinstance(value, Real) and not isinstance(value, bool)
             fits = fits and self.low <= cast("float", value) <= self.high

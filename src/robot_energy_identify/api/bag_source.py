@@ -11,6 +11,7 @@ from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.options import EFFORTS
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import Inputs
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from robot_energy_identify.friction.samples import FrictionData
     from robot_energy_identify.stats.systematic import SensorLimits
 
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 NEVER_GUESSED = "the effort of a driver is never guessed"
 
 
