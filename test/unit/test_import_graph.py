@@ -102,8 +102,8 @@ MODULES = {
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
-        findings history_tables identify joint_sums merged_friction merged_laws report run sisters
-        tables wear_history workers
+        findings history_tables identify joint_sums merged_friction merged_laws options report
+        run sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
         claims dataset_evidence evidence run speeds

@@ -102,7 +102,7 @@ def texts_of(kind: type) -> Iterator[tuple[str, str]]:
             yield name, text
 
 
-def takes(options: type, without: Collection[str] = ()) -> Callable[[Verb], Verb]:
+def takes(options: type) -> Callable[[Verb], Verb]:
     """Return a decorator that shows the options of a verb in place of ``**options``.
 
     The verb refuses an option that it does not show, as an `OptionError`, and a value that makes
@@ -110,7 +110,6 @@ def takes(options: type, without: Collection[str] = ()) -> Callable[[Verb], Verb
 
     Args:
         options: The TypedDict.
-        without: Options that the verb does not have.
     """
     kinds, checks = inspect.get_annotations(options), options_of(options)
     shared = [
@@ -121,7 +120,6 @@ def takes(options: type, without: Collection[str] = ()) -> Callable[[Verb], Verb
             annotation=getattr(kind.__origin__, "__forward_arg__", kind.__origin__),
         )
         for name, kind in kinds.items()
-        if name not in without
     ]
 
     def shown(verb: Verb) -> Verb:

@@ -26,8 +26,7 @@ class PartOptions(TypedDict, total=False):
         "read the bag up to here, counted in the same way", unit="s", group=PART)]
 
 
-@described
-class ReplayOptions(PartOptions, total=False):
+class ReadOptions(PartOptions, total=False):
     """What is read and how; all may be left out."""
 
     robot: Annotated[str | None, Option(
@@ -78,8 +77,6 @@ class ReplayOptions(PartOptions, total=False):
     meter_max_gap: Annotated[float | None, Option(
         "longest time between meter readings that is bridged (default: what --inputs says, else "
         "2 s)", unit="s", low=1e-6, high=LATEST, group=SETTINGS)]
-    learned: Annotated["ConditionRecord | None",
-        "What an earlier recording has taught, the `state` of its learner."]
     jobs: Annotated[str | Path | None, Option(
         "count the energy of jobs or cycles: a YAML file with jobs: [{name, begin, end}], in "
         "seconds since 1970 as the stamps of the recording", value="FILE", group=COUNTED)]
@@ -87,6 +84,13 @@ class ReplayOptions(PartOptions, total=False):
         "2: one process reads the bag and computes torque, another counts energy; 3: reading and "
         "torque run in two processes as well; the figures are the same (default 1)",
         choices=(1, 2, 3), default=1, group=COUNTED)]
+
+@described
+class ReplayOptions(ReadOptions, total=False):
+    """What is read, how, and what is written; all may be left out."""
+
+    learned: Annotated["ConditionRecord | None",
+        "What an earlier recording has taught, the `state` of its learner."]
     out: Annotated[str | Path | None, Option(
         "write the energy topics (/energy/...) into a new bag", value="BAG", group=OUTPUTS)]
     overwrite: Annotated[bool, Option("replace the bag of --out", default=False, group=OUTPUTS)]

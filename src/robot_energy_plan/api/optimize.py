@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -21,7 +20,7 @@ from robot_energy_plan.optimization.forms import read_form
 from robot_energy_plan.optimization.gcode_form import GcodeForm
 from robot_energy_plan.optimization.measures import Optimum, optimise
 from robot_energy_plan.optimization.program_form import ProgramForm
-from robot_energy_plan.optimization.rest_states import ASSUMED, RestState, read_rest_states
+from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy_plan.options import OptimizeOptions
@@ -112,13 +111,15 @@ def optimize(
     if free and cycle_time is None:
         cycle_time = float(form.moves.duration(form.base).sum() + form.needed.sum())
 
+    states = options.get("rest_states") or (ASSUMED if options.get("standby") else ())
+
     def task_of(work: ProgramForm) -> Task:
         return make_task(
             chain,
             work,
             cycle_time=cycle_time,
             free_rests=free,
-            states=_states(options),
+            states=read_rest_states(states),
             peak_limit=options.get("peak_limit") or np.inf,
             regeneration=REGENERATION if options.get("regenerative") else None,
             progress=options.get("progress"),
@@ -141,12 +142,6 @@ def optimize(
         one_bus = options.get("one_bus", False)
         report = replace(report, **supply_figures(found.task, robots, cycle_time, one_bus))
     return OptimizationResult(name, report, found, chosen)
-
-
-def _states(options: OptimizeOptions) -> Sequence[RestState]:
-    """Ways to rest that may be used."""
-    given = options.get("rest_states", ASSUMED if options.get("standby") else ())
-    return read_rest_states(given) if isinstance(given, str | Path) else given or ()
 
 
 def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Float:
