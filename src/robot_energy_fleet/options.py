@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from robot_energy.foundation.options import Option, described
+from robot_energy.foundation.options import Option, documented
 from robot_energy.replay.options import ReadOptions, ReplayOptions
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ WHERE, YEAR = "where it runs", "a year"
 
 
 # fmt: off
-@described
+@documented
 class FleetOptions(ReadOptions, total=False):
     """How many bags are replayed, and how they are read; all may be left out."""
 
@@ -38,7 +38,7 @@ class FleetOptions(ReadOptions, total=False):
     progress: Annotated["Callable[[FleetRun], None]", "Called after each bag."]
 
 
-@described
+@documented
 class AdviseOptions(ReplayOptions, total=False):
     """What a saving is reckoned from, and how bags are read; all may be left out."""
 

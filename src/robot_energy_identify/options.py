@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
-from robot_energy.foundation.options import Option, described
+from robot_energy.foundation.options import Option, documented
 from robot_energy.foundation.units import DQ_FACTORS, DqScaling
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ OF_DRIVES = "power of the drives"
 
 
 # fmt: off
-@described
+@documented
 class SourceOptions(TypedDict, total=False):
     """How recordings are read for identification; all may be left out."""
 
@@ -30,7 +30,7 @@ class SourceOptions(TypedDict, total=False):
         "Called with what is going on; gives a function of the share done."]
 
 
-@described
+@documented
 class IdentifyOptions(SourceOptions, total=False):
     """What is identified and how it is tested; all may be left out."""
 

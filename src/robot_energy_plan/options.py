@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
-from robot_energy.foundation.options import Option, described
+from robot_energy.foundation.options import Option, documented
 from robot_energy.foundation.units import DAY
 from robot_energy.replay.options import PartOptions, ReplayOptions
 
@@ -20,7 +20,7 @@ SHARE_DONE = "Called with the share done, 0 to 1."
 
 
 # fmt: off
-@described
+@documented
 class PredictOptions(TypedDict, total=False):
     """What is predicted of a motion; all may be left out."""
 
@@ -39,7 +39,7 @@ class PredictOptions(TypedDict, total=False):
     progress: Annotated[Callable[[float], None] | None, SHARE_DONE]
 
 
-@described
+@documented
 class OptimizeOptions(PartOptions, total=False):
     """What may be changed to save energy, and what is kept; all may be left out."""
 
@@ -78,7 +78,7 @@ class OptimizeOptions(PartOptions, total=False):
     progress: Annotated[Callable[[float], None] | None, SHARE_DONE]
 
 
-@described
+@documented
 class SharedBusOptions(ReplayOptions, total=False):
     """What several robots do on one DC bus, and how their bags are read; all may be left out."""
 

@@ -87,7 +87,7 @@ def options_of(options: type) -> dict[str, Option]:
     }
 
 
-def described(kind: Class) -> Class:
+def documented(kind: Class) -> Class:
     """Return a class, its docstring with what its annotations say, for help and pages."""
     lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
     if lines and kind.__doc__:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
-from robot_energy.foundation.options import Option, described
+from robot_energy.foundation.options import Option, documented
 
 if TYPE_CHECKING:
     from robot_energy.condition.learner import ConditionRecord
@@ -85,7 +85,7 @@ class ReadOptions(PartOptions, total=False):
         "torque run in two processes as well; the figures are the same (default 1)",
         choices=(1, 2, 3), default=1, group=COUNTED)]
 
-@described
+@documented
 class ReplayOptions(ReadOptions, total=False):
     """What is read, how, and what is written; all may be left out."""
 
