@@ -9,6 +9,7 @@ import robots
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.foundation.errors import StateFileError
+from robot_energy.model.joint import JointFriction
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality, TemperatureBlock
 from robots import figure
@@ -91,7 +92,7 @@ def test_without_a_sensor_it_follows_the_losses_from_the_air_on():
     assert expected[-1] > 50.0
     assert (power.quality & np.uint32(Quality.TEMPERATURE_ESTIMATED) > 0).all()
     assert pipeline.power.fallback_use.sentence(None) == ""
-    assert pipeline.power.thermal.std[0] < 10.0
+    assert pipeline.condition.thermal.std[0] < 10.0
 
 
 def test_its_deviation_widens_that_of_the_friction():
@@ -103,7 +104,7 @@ def test_its_deviation_widens_that_of_the_friction():
     _, seen = played(model, turning(seconds=400.0), readings)
     assert (seen.quality[4:] & np.uint32(Quality.TEMPERATURE_ESTIMATED) == 0).all()
     np.testing.assert_allclose(seen.grid_power[-1], blind.grid_power[-1], rtol=0.02)
-    degc, std = pipeline.power.thermal.degc[0], pipeline.power.thermal.std[0]
+    degc, std = pipeline.condition.thermal.degc[0], pipeline.condition.thermal.std[0]
     ends = np.array([degc - std, degc + std])
     spread = 0.5 * abs(np.diff(0.06 * np.exp(-ends / 25.0))[0])
     column = CABINET_DEVIATIONS.index("temperature")
@@ -170,6 +171,20 @@ def test_friction_corrects_where_torque_is_measured():
     assert corrected.motor_temperature_degc[-1, 0] > start + 3.0
 
 
+def test_friction_corrects_by_its_power_of_the_speed():
+    """A motor as warm as the model says, friction by the root of the speed: nothing to correct."""
+    model = wheel(capacity=figure(1e5), conductance=figure(1.0))
+    friction = model.joints[0].friction
+    bent = {"exponent": figure(0.5), "velocity": figure(10.0)}
+    entry = JointFriction.model_validate({**friction.model_dump(), "viscous_exponent": bent})
+    model = model.changed(joints=[model.joints[0].model_copy(update={"friction": entry})])
+    viscous = 0.01 + 0.06 * np.exp(-AIR / 25.0)
+    turned = 10.0 * np.sqrt(40.0 / 10.0)  # rad/s, for a speed of 40 rad/s
+    block = turning(seconds=1800.0, effort=0.2 + viscous * turned)
+    _, corrected = played(model, block, meaning=EffortMeaning.MOTOR_TORQUE)
+    assert corrected.motor_temperature_degc[-1, 0] == pytest.approx(AIR, abs=0.5)
+
+
 def test_a_collision_is_no_temperature():
     block = turning(seconds=600.0, effort=40.0)
     model = wheel()
@@ -196,14 +211,14 @@ def test_a_stuck_reading_is_replaced():
 def test_a_restart_goes_on_and_has_cooled_meanwhile():
     model = wheel()
     pipeline, _ = played(model, turning(seconds=2400.0))
-    record = pipeline.power.thermal.state()
+    record = pipeline.condition.thermal.state()
     assert record is not None
-    warm = pipeline.power.thermal.degc[0]
+    warm = pipeline.condition.thermal.degc[0]
     for pause, expected in ((0.0, warm), (800.0, AIR + (warm - AIR) * np.exp(-1.0))):
         again = EnergyPipeline(model)
-        again.power.thermal.restore(type(record).from_json(record.to_json()))
+        again.condition.thermal.restore(type(record).from_json(record.to_json()))
         start = record.end_ns / S + pause + 0.5
         again.step(turning(seconds=5.0, start=start))
-        assert again.power.thermal.degc[0] == pytest.approx(expected, abs=1.5)
+        assert again.condition.thermal.degc[0] == pytest.approx(expected, abs=1.5)
     with pytest.raises(StateFileError, match="temperatures of model"):
         ThermalObserver(wheel(ambient=16.0)).restore(record)
