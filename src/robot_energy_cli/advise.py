@@ -54,7 +54,7 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_fleet.advice.run import advise
+    from robot_energy_fleet.advice.advise import advise
     from robot_energy_fleet.documents.advice import advice_document
     from robot_energy_plan.optimization.rest_states import read_rest_states
     from robot_energy_report.document import Document

@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import REQUIRED, Command, add_options
+from robot_energy.replay.options import ReplayOptions
+from robot_energy_cli.command import REQUIRED, Command, add_options, flags
 from robot_energy_cli.numbers import positive
-from robot_energy_cli.replay_options import DAMAGED, JOBS, add_replay, options_of
+from robot_energy_cli.replay_options import DAMAGED, add_replay, options_given
 from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,
@@ -24,8 +25,8 @@ from robot_energy_cli.terminal import (
 
 if TYPE_CHECKING:
     from robot_energy_fleet.bag_list import FleetBag, FleetModels
+    from robot_energy_fleet.fleet_run import FleetRun
     from robot_energy_fleet.results.fleet import FleetRunReport
-    from robot_energy_fleet.run import FleetRun
 
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
@@ -83,14 +84,14 @@ def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
     add_options(parser, OPTIONS)
     add_options(parser.add_argument_group("where it runs"), WHERE)
-    add_options(parser, JOBS)
+    add_options(parser, flags(ReplayOptions, "jobs"))
     add_replay(parser, fixed=False)
 
 
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.bag_list import FleetModels
     from robot_energy_fleet.dataset import Dataset
-    from robot_energy_fleet.run import FleetRun, open_history, run_fleet, where_asked
+    from robot_energy_fleet.fleet_run import FleetRun, open_history, run_fleet, where_asked
 
     check_outputs(args)
     models, dataset = FleetModels(), Dataset(args.out)
@@ -128,7 +129,7 @@ def _bags(args: Namespace, models: FleetModels) -> list[FleetBag]:
     from robot_energy_fleet.bag_list import list_bags
 
     model = ROBOTS[args.robot].model_or(args.model) if args.robot else args.model
-    options = options_of(args)
+    options = options_given(args)
     watched = args.watch is not None
     return list_bags(args.bags, models, model, options, args.name, args.split_files, watched)
 
@@ -177,7 +178,7 @@ def _time(seconds: float) -> str:
 
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
-    from robot_energy_fleet.run import why_refused
+    from robot_energy_fleet.fleet_run import why_refused
     from robot_energy_report.formats import counted, jobs_left_out
 
     out, time_ = console(), report.observed_time

@@ -60,20 +60,17 @@ MAX_EVENTS = 50  # that are shown
 
 
 def _folder(args: Namespace) -> Path:
-    from robot_energy.history.files import default_folder
+    from robot_energy_history.files import default_folder
 
     return Path(args.folder).expanduser() if args.folder else default_folder()
 
 
 def _show(args: Namespace) -> int:
-    from robot_energy.foundation.time_zone import time_zone
+    from robot_energy_history.spans import zone_of
     from robot_energy_report.document import Document
     from robot_energy_report.printing import print_document
 
-    try:
-        zone = time_zone(args.timezone)
-    except ValueError as error:
-        raise HistoryError(f"time zone '{args.timezone}'", str(error)[9:]) from None
+    zone = zone_of(args.timezone)
     today = datetime.now(zone).date()
     page, stop = Document(), args.stop or str(today + timedelta(days=1))
     if args.start:
@@ -91,7 +88,7 @@ def _show(args: Namespace) -> int:
 
 
 def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
-    from robot_energy.history.api import history, history_events, history_jobs
+    from robot_energy_history.api import history, history_events, history_jobs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import counted, fixed
 
@@ -171,7 +168,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
 
 
 def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
-    from robot_energy.history.api import history_friction
+    from robot_energy_history.api import history_friction
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -192,7 +189,7 @@ def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: l
 
 
 def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
-    from robot_energy.history.use import RESTS
+    from robot_energy_history.use import RESTS
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -212,8 +209,8 @@ def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
 def _shifts(
     args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
 ) -> None:
-    from robot_energy.history.api import history
-    from robot_energy.history.tariffs import stored_tariffs
+    from robot_energy_history.api import history
+    from robot_energy_history.tariffs import stored_tariffs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -235,7 +232,7 @@ def _kwh(microjoule: float) -> str:
 
 
 def _savings(args: Namespace) -> int:
-    from robot_energy.history.savings import history_savings
+    from robot_energy_history.savings import history_savings
     from robot_energy_report.document import Column, Document
     from robot_energy_report.formats import fixed
     from robot_energy_report.printing import print_document
@@ -315,7 +312,7 @@ def _of(value: str | Callable[[Any], Any]) -> Callable[[Any], Any]:
 
 
 def _check(args: Namespace) -> int:
-    from robot_energy.history.check import check
+    from robot_energy_history.check import check
 
     folder = _folder(args)
     found = check(folder)
@@ -329,7 +326,7 @@ def _check(args: Namespace) -> int:
 
 
 def _repair(args: Namespace) -> int:
-    from robot_energy.history.check import repair
+    from robot_energy_history.check import repair
 
     said = repair(_folder(args), time.time_ns())
     for one in said or ["nothing was wrong"]:
@@ -338,7 +335,7 @@ def _repair(args: Namespace) -> int:
 
 
 def _tariff(args: Namespace) -> int:
-    from robot_energy.history.tariffs import add_tariffs, load_tariffs, stored_tariffs
+    from robot_energy_history.tariffs import add_tariffs, load_tariffs, stored_tariffs
 
     folder = _folder(args)
     if args.add:

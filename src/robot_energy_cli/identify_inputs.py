@@ -11,7 +11,7 @@ from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.units import DQ_FACTORS
 from robot_energy_cli.command import LIST, Options, name_of
 from robot_energy_cli.numbers import number
-from robot_energy_cli.replay_options import INPUTS, ROBOT
+from robot_energy_cli.replay_options import INPUTS, MODEL_OR_ROBOT
 from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, progress
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def bag_options(
     meaning = (f"%(choices)s: {effort}", {"choices": EFFORTS})
     return {
         "bags BAG": ("recordings of one robot", {"nargs": "+" if required else "*"}),
-        **(ROBOT if robot else model),
+        **(MODEL_OR_ROBOT if robot else model),
         **({"--effort MEANING": meaning} if effort else {}),
         **INPUTS,
     }

@@ -6,15 +6,16 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
+from robot_energy.replay.options import PART, ReplayOptions
 from robot_energy_cli.command import (
     REQUIRED,
     SEVERAL,
     Command,
     add_option,
     add_options,
+    flags,
     keywords_of,
 )
-from robot_energy_cli.replay_options import PART
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import add_tool, tool_options
 
@@ -70,7 +71,10 @@ def _options(parser: ArgumentParser) -> None:
     add_tool(tool)
     text = "greatest factor on all feeds (default 1: never faster than the program)"
     add_option(tool, "--max-feed F", text, default=1.0)
-    add_options(parser.add_argument_group("part of recorded joint states: one cycle"), PART)
+    add_options(
+        parser.add_argument_group("part of recorded joint states: one cycle"),
+        flags(ReplayOptions, PART),
+    )
     output = parser.add_argument_group("output")
     add_option(output, "--out FILE", "write the chosen program in the form of the given one")
     add_options(output, OUTPUTS | {"--plot FILE": "draw savings and trade-offs: png, svg, pdf"})

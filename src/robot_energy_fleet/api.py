@@ -6,26 +6,26 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from robot_energy.foundation.signature import lists
+from robot_energy.foundation.options import takes
 from robot_energy.model import RobotModel
 from robot_energy.presets import ROBOTS
-from robot_energy.replay.api import ReplayOptions
 from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.options import ReplayOptions
 from robot_energy_fleet import report
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset, read_tables
+from robot_energy_fleet.fleet_run import FleetRun, open_history, run_fleet, where_asked
 from robot_energy_fleet.identify import identify_fleet
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
-from robot_energy_fleet.run import FleetRun, open_history, run_fleet, where_asked
 from robot_energy_identify.api.identify import IdentificationResult
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy_report.page.settings import load_settings
 
 # Of one replay; a task has none of them.
-NOT_HERE = {"learned", "out", "overwrite", "progress"}
+NOT_HERE = {"learned", "out", "overwrite", "power_period", "progress"}
 
 
-@lists(ReplayOptions, NOT_HERE)
+@takes(ReplayOptions, NOT_HERE)
 def fleet_run(
     bags: str | Path,
     out: str | Path,
@@ -56,7 +56,7 @@ def fleet_run(
             put as well; None for none.
         progress: Called after each bag.
         **options: How bags are read: those of `robot_energy.replay`, but for ``out``,
-            ``overwrite``, ``learned``.
+            ``overwrite``, ``power_period`` and ``learned``.
 
     Returns:
         What was done, with the bags that could not be used or were read in part.

@@ -11,9 +11,9 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest
-from robot_energy.physics.shared_bus import BusExchange, exchange
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_plan.bus_exchange import BusExchange, exchange
 from robot_energy_plan.motion.planned import STEP, PlannedMotion
 from robot_energy_plan.optimization.deviations import DeviationSums
 from robot_energy_plan.optimization.levelling import Levelling, drawn, level_starts, samples_of

@@ -98,7 +98,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         integrals = Integrals(stamp, data.stretch[samples], columns[samples])
         for pieces in data.limits[number].pieces(meter):
             kept, means = integrals.means(pieces)
-            middle = np.searchsorted(stamp, (kept.start_ns + kept.end_ns) // 2)
+            middle = np.searchsorted(stamp, (kept.stamp_ns + kept.end_ns) // 2)
             parts.append((kept, means, samples.start + np.clip(middle, 0, len(stamp) - 1)))
     pieces, means, rows = joined(parts, "the drives")
     window, recording = data.window[rows], data.recording[rows]
@@ -200,14 +200,14 @@ class Integrals:
             NaN.
         """
         stamp = self._stamp
-        first = np.searchsorted(stamp, pieces.start_ns, side="right") - 1
+        first = np.searchsorted(stamp, pieces.stamp_ns, side="right") - 1
         last = np.searchsorted(stamp, pieces.end_ns, side="left")
         inside = (first >= 0) & (last < len(stamp))
         first, last = np.clip(first, 0, len(stamp) - 1), np.clip(last, 0, len(stamp) - 1)
         gone = self._gone[last + 1] - self._gone[first] > 0
         inside &= (self._stretch[first] == self._stretch[last]) & ~gone[:, 0]
         kept = pieces[inside]
-        area = self._until(kept.end_ns, last[inside]) - self._until(kept.start_ns, first[inside])
+        area = self._until(kept.end_ns, last[inside]) - self._until(kept.stamp_ns, first[inside])
         return kept, np.where(gone[inside], np.nan, area / kept.duration[:, None])
 
     def _until(self, at: Int, near: Int) -> Float:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
-from robot_energy.foundation.signature import lists
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.replay.api import ReplayOptions, run_replay
+from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.options import ReplayOptions
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.load_motion import BAG, ToolOptions, load_motion
 from robot_energy_plan.optimization.forms import holds_trajectory
@@ -45,7 +47,7 @@ class SharedBusResult(Shown):
         return self.report.to_dict()
 
 
-@lists(ReplayOptions)
+@takes(ReplayOptions)
 def shared_bus(
     motions: Sequence[str | Path],
     models: ModelName | Sequence[ModelName],
@@ -127,7 +129,7 @@ def _is_recording(path: str | Path, topic: str | None) -> bool:
 
 def _replayed(path: str | Path, model: RobotModel, options: ReplayOptions) -> BusRobot:
     robot = BusRobot(str(path), model)
-    found = run_replay(path, model, on_output=robot.take, **options)
+    found = replay(path, model, ReplaySetup.of(options), on_output=robot.take)
     robot.problems += found.problems
     if not found.topics.temperatures:
         robot.notes.append(f"no motor temperatures were recorded in {path}")

@@ -181,9 +181,9 @@ def test_a_lag_that_nobody_states_is_found_and_used_from_then_on():
     comparison = Comparison()
     comparison.measure(readings(shown))
     found = compared(comparison, power)
-    late = found.available_ns > 120 * SECOND
+    late = found.stamp_ns > 120 * SECOND
     assert comparison.response.time_constant == pytest.approx(0.3, abs=0.03)
-    early = found.available_ns < 60 * SECOND
+    early = found.stamp_ns < 60 * SECOND
     np.testing.assert_allclose(found.predicted[early], found.drawn[early], rtol=1e-9)
     assert off(found[late]) < 0.2 * off(found[early])
 
@@ -213,7 +213,7 @@ def test_a_jump_back_of_the_clock_keeps_the_lag():
     for _ in range(2):
         comparison.measure(readings(shown))
         found = compared(comparison, power)
-    early = found.available_ns < 30 * SECOND
+    early = found.stamp_ns < 30 * SECOND
     assert off(found[early]) < 50.0
 
 
