@@ -122,7 +122,7 @@ class BagSource:
         Argument as in `BagSource.recordings`.
         """
         found = self._channels(model)
-        give_back_freed_memory()  # of all but the motion
+        give_back_freed_memory()  # of the recordings, which take more than their motion
         return found
 
     def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
