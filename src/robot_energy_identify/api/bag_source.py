@@ -121,6 +121,11 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
+        found = self._channels(model)
+        give_back_freed_memory()  # of the recordings, which take more than their motion
+        return found
+
+    def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         from robot_energy_identify.data.bags import Kept, motion_time
         from robot_energy_identify.data.recordings import channels_of
 
@@ -133,8 +138,6 @@ class BagSource:
             sampled = channels_of(motion, rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
-        del recordings, part, motion, sampled
-        give_back_freed_memory()  # of all but the motion
         return found
 
     def lazy(
