@@ -19,7 +19,7 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros2_energy_msgs.msg import FrictionCondition, WearAlarm
 
-from robot_energy.condition.drift_test import Drift, FrictionChange
+from robot_energy.condition.drift import Drift, FrictionChange
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import Learning

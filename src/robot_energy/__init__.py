@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from robot_energy.results.replay import ReplayReport
     from robot_energy.timeline.blocks import Phase, Quality
     from robot_energy.timeline.time_series import TimeSeries
-    from robot_energy_fleet.advice.run import AdviceResult, advise
+    from robot_energy_fleet.advice.advise import AdviceResult, advise
     from robot_energy_fleet.api import fleet_identify, fleet_report, fleet_run
     from robot_energy_fleet.results.advice import AdviceReport
     from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
@@ -105,7 +105,7 @@ _NAMES = {
     "robot_energy.results.replay": ("ReplayReport",),
     "robot_energy.timeline.blocks": ("Phase", "Quality"),
     "robot_energy.timeline.time_series": ("TimeSeries",),
-    "robot_energy_fleet.advice.run": ("AdviceResult", "advise"),
+    "robot_energy_fleet.advice.advise": ("AdviceResult", "advise"),
     "robot_energy_fleet.api": ("fleet_identify", "fleet_report", "fleet_run"),
     "robot_energy_fleet.results.advice": ("AdviceReport",),
     "robot_energy_fleet.results.fleet": ("FleetFriction", "FleetReport", "FleetRunReport"),

@@ -39,7 +39,7 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_fleet.advice.run import advise
+    from robot_energy_fleet.advice.advise import advise
     from robot_energy_fleet.documents.advice import advice_document
     from robot_energy_report.document import Document
 

@@ -25,8 +25,8 @@ from robot_energy_fleet.options import WHERE, FleetOptions
 
 if TYPE_CHECKING:
     from robot_energy_fleet.bag_list import FleetBag, FleetModels
+    from robot_energy_fleet.fleet_run import FleetRun
     from robot_energy_fleet.results.fleet import FleetRunReport
-    from robot_energy_fleet.run import FleetRun
 
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
@@ -80,7 +80,7 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.bag_list import FleetModels
     from robot_energy_fleet.dataset import Dataset
-    from robot_energy_fleet.run import FleetRun, open_history, run_fleet, where_asked
+    from robot_energy_fleet.fleet_run import FleetRun, open_history, run_fleet, where_asked
 
     check_outputs(args)
     models, dataset = FleetModels(), Dataset(args.out)
@@ -167,7 +167,7 @@ def _time(seconds: float) -> str:
 
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
-    from robot_energy_fleet.run import why_refused
+    from robot_energy_fleet.fleet_run import why_refused
     from robot_energy_report.formats import counted, jobs_left_out
 
     out, time_ = console(), report.observed_time

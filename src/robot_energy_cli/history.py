@@ -66,14 +66,11 @@ def _folder(args: Namespace) -> Path:
 
 
 def _show(args: Namespace) -> int:
-    from robot_energy.foundation.time_zone import time_zone
+    from robot_energy_history.spans import zone_of
     from robot_energy_report.document import Document
     from robot_energy_report.printing import print_document
 
-    try:
-        zone = time_zone(args.timezone)
-    except ValueError as error:
-        raise HistoryError(f"time zone '{args.timezone}'", str(error)[9:]) from None
+    zone = zone_of(args.timezone)
     today = datetime.now(zone).date()
     page, stop = Document(), args.stop or str(today + timedelta(days=1))
     if args.start:

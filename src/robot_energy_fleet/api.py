@@ -14,10 +14,10 @@ from robot_energy.replay.options import ReadOptions
 from robot_energy_fleet import report
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset, read_tables
+from robot_energy_fleet.fleet_run import open_history, run_fleet, where_asked
 from robot_energy_fleet.identify import identify_fleet
 from robot_energy_fleet.options import FleetOptions
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
-from robot_energy_fleet.run import open_history, run_fleet, where_asked
 from robot_energy_identify.api.identify import IdentificationResult
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy_report.page.settings import load_settings

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
+from robot_energy.foundation.units import DAY_NS
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.bag_joints import BagJoints, wear_records
 from robot_energy_fleet.results.fleet import FleetFinding
@@ -28,7 +29,6 @@ MIN_STANDBY = 0.25  # hours of a recorded day
 STANDBY_SCALE = 0.1  # below it, hours of standby are all alike [h]
 MIN_RECENT = 5  # newest bags of a robot that count, however old they are
 KINDS = ("payload", "wear", "friction", "standby", "energy")
-DAY_NS = 86_400_000_000_000
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.time_zone import time_zone
 from robot_energy.timeline.time_series import Column, TimeSeries
 from robot_energy_history.files import reader
 from robot_energy_history.schema import JOB_SUMS
@@ -27,6 +26,8 @@ from robot_energy_history.spans import (
     robots_of,
     span_table,
     sums,
+    table_of,
+    zone_of,
 )
 from robot_energy_history.tariffs import day_begin, stored_tariffs
 from robot_energy_history.use import ENERGIES, RESTS, Costs, costs
@@ -156,20 +157,10 @@ def job_sums(
     """
     with reader(folder) as connection:
         found = jobs(connection, robots_of(connection, robots), bounds, names)
-    columns: dict[str, Column] = {
-        "robot": np.array([one.robot for one in found], dtype=str),
-        "stop_ns": np.array([one.stop_ns for one in found], dtype=np.int64),
-        "job": np.array([one.name for one in found], dtype=str),
-        "parts": np.array([one.count for one in found], dtype=np.int64),
-    }
-    for place, name in enumerate(names):
-        columns[name] = np.array([one.values[place] for one in found], dtype=np.int64)
-    columns["microjoule_per_part"] = columns["predicted_import_microjoule"] / columns["parts"]
-    units = {name: "ns" if name.endswith("_ns") else "uJ" for name in ("stop_ns", *names)}
-    units["microjoule_per_part"] = "uJ"
-    return TimeSeries(
-        np.array([one.start_ns for one in found], dtype=np.int64), columns, units=units
-    )
+    used = names.index("predicted_import_microjoule") - len(names)
+    kinds = {"robot": str, "stop_ns": int, "job": str, "parts": int, **dict.fromkeys(names, int)}
+    rows = [(*one, one[used] / one[4]) for one in found]
+    return table_of(rows, {**kinds, "microjoule_per_part": float})
 
 
 def history_events(
@@ -197,11 +188,7 @@ def history_events(
     bounds = _bounds(start, stop, "all", timezone)
     with reader(folder) as connection:
         rows = events(connection, robots_of(connection, robots), bounds[0], bounds[1])
-    columns: dict[str, Column] = {
-        name: np.array([row[place] for row in rows], dtype=str)
-        for place, name in enumerate(("robot", "kind", "text"), 1)
-    }
-    return TimeSeries(np.array([row[0] for row in rows], dtype=np.int64), columns)
+    return table_of(rows, {"robot": str, "kind": str, "text": str})
 
 
 def history_friction(
@@ -234,29 +221,19 @@ def history_friction(
     bounds = _bounds(start, stop, resolution, timezone)
     with reader(folder) as connection:
         rows = learned_friction(connection, robots_of(connection, robots), bounds)
-    kinds: tuple[tuple[str, type], ...] = (
-        ("stop_ns", np.int64), ("robot", str), ("joint", str), ("model_id", str),
-        ("days", np.int64), ("ratio", float), ("least", float), ("greatest", float),
+    return table_of(
+        rows,
+        {"stop_ns": int, "robot": str, "joint": str, "model_id": str, "days": int,
+         "ratio": float, "least": float, "greatest": float},
     )  # fmt: skip
-    columns: dict[str, Column] = {
-        name: np.array([row[place] for row in rows], dtype=kind)
-        for place, (name, kind) in enumerate(kinds, 1)
-    }
-    stamps = np.array([row[0] for row in rows], dtype=np.int64)
-    return TimeSeries(stamps, columns, units={"stop_ns": "ns"})
 
 
 def _bounds(start: Instant, stop: Instant, resolution: Resolution, timezone: str) -> list[int]:
     """Where parts of the time begin, and the end of the last. [ns]"""
     if resolution not in RESOLUTIONS:
         raise HistoryError(f"resolution '{resolution}'", ", ".join(RESOLUTIONS))
-    try:
-        zone = time_zone(timezone)
-    except ValueError as error:
-        raise HistoryError(
-            f"time zone '{timezone}'", str(error).removeprefix("expected ")
-        ) from error
-    begin, end = (_stamp(one, zone) for one in (start, stop))
+    zone = zone_of(timezone)
+    begin, end = (stamp_of(one, zone) for one in (start, stop))
     if begin >= end:
         raise HistoryError(f"a time from {start} to {stop}", "a start before its stop")
     return edges(begin, end, resolution, zone)
@@ -333,7 +310,8 @@ def _history(
     )
 
 
-def _stamp(instant: Instant, zone: ZoneInfo) -> int:
+def stamp_of(instant: Instant, zone: ZoneInfo) -> int:
+    """Return an instant, local to a zone unless it says its offset. [ns]"""
     if isinstance(instant, int):
         return instant
     if isinstance(instant, str):
@@ -341,7 +319,7 @@ def _stamp(instant: Instant, zone: ZoneInfo) -> int:
             instant = datetime.fromisoformat(instant)
         except ValueError:
             raise HistoryError(
-                f"time '{instant}'", "a date such as 2026-03-29, or 2026-03-29T06:00"
+                f"time '{instant[:40]}'", "a date such as 2026-03-29, or 2026-03-29T06:00"
             ) from None
     if not isinstance(instant, datetime):
         return day_begin(instant, zone)

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, stamp_ns
+from robot_energy.messages.fields import STAMP
 
 CONDITION_TYPE = "ros2_energy_msgs/msg/FrictionCondition"
-_FIELDS = (
-    "header.stamp.sec", "header.stamp.nanosec", "model_id", "joints.name", "joints.multiplier",
-    "joints.valid",
-)  # fmt: skip
+_FIELDS = (*STAMP, "model_id", "joints.name", "joints.multiplier", "joints.valid")
 
 
 @dataclass(frozen=True)

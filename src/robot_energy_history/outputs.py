@@ -18,11 +18,10 @@ from typing import Any
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import GENERATOR
-from robot_energy.foundation.time_zone import time_zone
 from robot_energy.timeline.time_series import TimeSeries, library
 from robot_energy_history.api import PRICED as EVERY_PRICED
 from robot_energy_history.api import History, history
-from robot_energy_history.spans import Resolution, edges
+from robot_energy_history.spans import Resolution, edges, rows_of, zone_of
 from robot_energy_history.tariffs import stored_tariffs
 
 TABLE = "robot_energy"
@@ -189,7 +188,7 @@ def metrics_bytes(wanted: Wanted) -> bytes:
     time, so that each run gives the same values.
     """
     found = rows(wanted)
-    first = edges(wanted.start_ns, wanted.stop_ns, wanted.resolution, time_zone(wanted.timezone))[0]
+    first = edges(wanted.start_ns, wanted.stop_ns, wanted.resolution, zone_of(wanted.timezone))[0]
     base = wanted.read(0, max(1, first), "all")
     before = dict(zip(base["robot"].tolist(), range(len(base)), strict=True))
     lines = [
@@ -225,10 +224,7 @@ WRITERS: dict[str, Callable[[Wanted], bytes]] = {
 def _rows(
     wanted: Wanted, table: TimeSeries, resolved: int, unknown: Sequence[str]
 ) -> Iterator[Row]:
-    flat = table.to_dict()
-    columns = [values.tolist() for values in flat.values()]
-    for values in zip(*columns, strict=True):
-        figures = dict(zip(flat, values, strict=True))
+    for figures in rows_of(table):
         start, robot, stop = (figures.pop(name) for name in ("stamp_ns", "robot", "stop_ns"))
         if figures.get("priced_microjoule") == 0:
             figures |= dict.fromkeys((name for name in PRICED if name in figures), None)

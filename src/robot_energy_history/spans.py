@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, date, datetime, timedelta
 from itertools import pairwise
 from operator import add
@@ -14,6 +13,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.time_zone import time_zone
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.timeline.time_series import Column, TimeSeries
 from robot_energy_history.differences import SLOT_NS
@@ -60,25 +60,17 @@ _JOBS = (
 """Where jobs are counted by pieces of each length, and how many jobs rows are."""
 
 
-@dataclass(frozen=True)
-class Jobs:
-    """Jobs of one name of one robot that ended in a part of the time.
+def zone_of(name: str) -> ZoneInfo:
+    """Return a time zone.
 
-    Attributes:
-        start_ns: Begin of the part. [ns]
-        stop_ns: End of it. [ns]
-        robot: Its name.
-        name: Of the jobs.
-        count: How many: one makes one part.
-        values: By the names that were asked for, of `JOB_SUMS`. [ns], [uJ]
+    Raises:
+        HistoryError: If there is no such zone.
     """
-
-    start_ns: int
-    stop_ns: int
-    robot: str
-    name: str
-    count: int
-    values: tuple[int, ...]
+    try:
+        return time_zone(name)
+    except ValueError as error:
+        expected = str(error).removeprefix("expected ")
+        raise HistoryError(f"time zone '{name[:64]}'", expected) from error
 
 
 def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -> list[int]:
@@ -188,7 +180,7 @@ def _added(
 
 
 def _units(names: Iterable[str]) -> dict[str, str]:
-    units = {"_ns": "ns", "_microjoule": "uJ", "_meter": "uJ"}
+    units = {"_ns": "ns", "_microjoule": "uJ", "_meter": "uJ", "_part": "uJ"}
     return {name: unit for name in names for end, unit in units.items() if name.endswith(end)}
 
 
@@ -256,24 +248,35 @@ def not_resolved(
     columns = ", ".join(f"s.{name}" for name in COLUMNS)
     rows: list[tuple[Any, ...]] = connection.execute(
         " UNION ALL ".join(
-            f"SELECT s.start, s.stop, r.name, {columns}, 0, s.flags FROM {tables} "
+            f"SELECT s.start, r.name, s.stop, {columns}, 0, s.flags FROM {tables} "
             f"ON s.robot = r.id AND s.start >= {begin} AND s.start < {end} WHERE {which} AND "
             f"s.stop > {first} AND NOT EXISTS (SELECT 1 FROM part p WHERE {_WITHIN.format(on='s')})"
             for tables, which, begin, end in (own, finer)
-        ) + " ORDER BY 1, 3"
+        ) + " ORDER BY 1, 2"
     ).fetchall()  # fmt: skip
     return span_table(rows)
 
 
 def span_table(rows: Sequence[tuple[Any, ...]]) -> TimeSeries:
-    """Return spans: of each begin, end [ns], robot, by `COLUMNS`, peak [uJ], flags."""
-    start, stop, robot, *values = _transposed(rows, 3 + len(_SLOT_COLUMNS))
+    """Return spans: of each begin [ns], robot, end [ns], by `COLUMNS`, peak [uJ], flags."""
+    return table_of(rows, {"robot": str, "stop_ns": int, **dict.fromkeys(_SLOT_COLUMNS, int)})
+
+
+def table_of(rows: Sequence[tuple[Any, ...]], kinds: Mapping[str, type]) -> TimeSeries:
+    """Return rows as a table: of each a stamp [ns], then what the columns of these kinds hold."""
+    stamps, *values = _transposed(rows, 1 + len(kinds))
     columns: dict[str, Column] = {
-        "robot": np.array(robot, str), "stop_ns": np.array(stop, np.int64)
-    }  # fmt: skip
-    for name, column in zip(_SLOT_COLUMNS, values, strict=True):
-        columns[name] = np.array(column, np.int64)
-    return TimeSeries(np.array(start, np.int64), columns, units=_units(columns))
+        name: np.array(column, kind)
+        for (name, kind), column in zip(kinds.items(), values, strict=True)
+    }
+    return TimeSeries(np.array(stamps, np.int64), columns, units=_units(columns))
+
+
+def rows_of(table: TimeSeries) -> list[dict[str, Any]]:
+    """Return the rows of a table, each by the names of its columns."""
+    flat = table.to_dict()
+    columns = [values.tolist() for values in flat.values()]
+    return [dict(zip(flat, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
 def _transposed(rows: Sequence[tuple[Any, ...]], width: int) -> list[tuple[Any, ...]]:
@@ -283,12 +286,15 @@ def _transposed(rows: Sequence[tuple[Any, ...]], width: int) -> list[tuple[Any, 
 def jobs(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int],
     names: Sequence[str] = JOB_SUMS,
-) -> list[Jobs]:  # fmt: skip
+) -> list[tuple[Any, ...]]:  # fmt: skip
     """Return the jobs that ended in each part, in order of time and robot, the largest first.
 
     Args:
         bounds: Where parts begin, and the end of the last. [ns]
         names: What is added up, the energy from the grid among it.
+
+    Returns:
+        Begin of the part [ns], robot, end [ns], name, how many, and their sums [ns], [uJ].
     """
     parts, used = list(pairwise(bounds)), 1 + names.index("predicted_import_microjoule")
     _put_pieces(connection, robots, parts)
@@ -304,8 +310,8 @@ def jobs(
             found[key] = tuple(own if held is None else map(add, own, held))
     order = sorted(found.items(), key=lambda one: (one[0][:2], -one[1][used], one[0][2]))
     return [
-        Jobs(*parts[part], robot, name, count, tuple(values))
-        for (part, robot, name), (count, *values) in order
+        (parts[part][0], robot, parts[part][1], name, *values)
+        for (part, robot, name), values in order
     ]
 
 

@@ -23,10 +23,10 @@ from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.payload import Payload, several_carried
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.physics.limit_utilisation import LimitUse
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.work_sums import WorkSums
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
+from robot_energy_plan.limit_utilisation import LimitUse
 from robot_energy_plan.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
 from robot_energy_plan.motion.ptp import Trajectory
 from robot_energy_plan.options import PredictOptions

@@ -16,6 +16,7 @@ from robot_energy_report.page.energy_flow import rounded_parts
 
 NOTHING = "-"
 MAX_PLAIN = 1e9  # greater numbers have an exponent
+PROSE = 24  # characters: a longer cell is prose, which reads from the left
 SMALL = 1e-3  # below it figures with a standard deviation have a power of ten
 RAISED = str.maketrans(
     "0123456789+-", "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079\u207a\u207b"

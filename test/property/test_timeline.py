@@ -10,14 +10,13 @@ from hypothesis import strategies as st
 
 import robots
 from joint_messages import SECOND, batch, message
+from robot_energy.accounting.registers import MAX_GAP_NS, Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import Block, Int
-from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 from robot_energy.timeline.epochs import Reach, slow_reach
-from robot_energy.timeline.gaps import StampOrder, newer
-from robot_energy.timeline.hold import first_needed, held_rows
+from robot_energy.timeline.stamps import StampOrder, first_needed, held_rows, newer
 from robot_energy.timeline.streams import StreamSplitter
 
 MODEL = robots.two_link()

@@ -17,7 +17,7 @@ from robot_energy.messages.payload import PAYLOAD, PayloadWriter
 from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.replay_topics import Topics
 from robot_energy.replay.setup import ReplaySetup

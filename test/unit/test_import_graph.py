@@ -19,10 +19,9 @@ MODULES = {
         __main__
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging comparison energy_curve exact_sum
-        integration job_intervals load_curve meter_checks meter_response plain_text
-        power_curve record record_repair registers sample_counts settings
-        totals
+        account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
+        load_curve meter_checks meter_response plain_text power_curve record record_repair registers
+        sample_counts settings totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
@@ -36,7 +35,7 @@ MODULES = {
         prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline buckets drift_test joint_friction learner meter_fit meter_windows
+        baseline buckets drift joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
@@ -52,7 +51,6 @@ MODULES = {
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
-        velocity_check zero_states
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
@@ -68,17 +66,17 @@ MODULES = {
         payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat
-        pinocchio_model plausibility rigid_body torque_limits transmission
-    """,
+         cabinet counterbalance derivative drive drivetrain effort effort_check
+         electrical_power equations friction hold_torque motor_heat pinocchio_model
+         plausibility rigid_body torque_limits
+     """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        consecutive energy_pipeline friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings supply torque_stage work_sums
-    """,
+         energy_pipeline friction_stage friction_timeline online_monitor power_stage
+         settings torque_stage work_sums
+     """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
         replay_steps replay_topics setup
@@ -90,7 +88,7 @@ MODULES = {
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        blocks coverage epochs gaps hold pieces stamps streams time_series
+        blocks epochs pieces stamps streams time_series
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run
@@ -101,12 +99,12 @@ MODULES = {
         simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
-        findings history_tables identify joint_sums merged_friction merged_laws options report
-        run sisters tables wear_history workers
+        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
+        findings fleet_run history_tables identify joint_sums merged_friction merged_laws options
+        report sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
-        claims dataset_evidence evidence run speeds
+        advise claims dataset_evidence evidence speeds
     """,
     "robot_energy_fleet.documents": """
         advice fleet fleet_figures
@@ -170,13 +168,13 @@ MODULES = {
     "robot_energy_papers": """
         accuracy boat calibration drawings drive_study experiment held_out job_pool
         kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_figures paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange options prediction shared_bus
+        bus_exchange consecutive limit_utilisation options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -249,8 +247,8 @@ LAYERS = {
         ("certainty.band_calibration",),
         ("accounting.account accounting.account_record",),
         (
-            "pipeline.friction_stage pipeline.friction_timeline pipeline.payload_timeline "
-            "pipeline.power_stage pipeline.settings pipeline.supply pipeline.torque_stage",
+            "pipeline.friction_stage pipeline.friction_timeline pipeline.power_stage "
+            "pipeline.settings pipeline.torque_stage",
         ),
         ("condition",),
         ("pipeline", "store"),
@@ -261,9 +259,9 @@ LAYERS = {
         ("replay.api", "pipeline.online_monitor"),
     ),
     "robot_energy_plan": (
-        ("motion", "optimization.rest_states"),
+        ("motion", "bus_exchange", "consecutive", "limit_utilisation", "optimization.rest_states"),
         ("options",),
-        ("bus_exchange", "prediction", "optimization", "shared_bus"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),

@@ -96,10 +96,9 @@ class AccountNode(MonitorNode[A]):
         super().parameters_changed()
         self.checkpoints.change_period(self.parameters.checkpoint_period)
 
-    def publish_power(self, means: MeanBlock | None) -> None:
+    def publish_power(self, means: MeanBlock) -> None:
         """Take the periods that ended; `tick` publishes them."""
-        if means is not None:
-            self._power.add(self._power_writer.encode(means, self.account.comparison.location))
+        self._power.add(self._power_writer.encode(means, self.account.comparison.location))
 
     def tick(self) -> None:
         """Publish the next power state."""

@@ -128,7 +128,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
-        self._loads.take()
+        if self._loads.loads:
+            self._loads.take()
         if frictions:
             self.guard.feed(
                 "joint_friction",
@@ -220,7 +221,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._stage.restart()
 
     def _publish(self, means: MeanBlock | None) -> None:
-        self.guard.run("publish.power", lambda: self.publish_power(means))
+        if means is not None:
+            self.guard.run("publish.power", partial(self.publish_power, means))
 
 
 def _alike(batch: RawBatch) -> Iterator[RawBatch]:

@@ -184,7 +184,7 @@ class LoadCurve:
         refused = np.append(np.iinfo(np.int64).min, self._refused_ns)
         newest = refused[np.searchsorted(refused, stamp_ns, side="right") - 1]
         remarks = np.where(newest > end, int(Remark.METER_REFUSED), 0)
-        stale = old > np.maximum(HOLD_NS, 2 * (end - pieces.start_ns[row]))
+        stale = old > np.maximum(HOLD_NS, 2 * (end - pieces.stamp_ns[row]))
         remarks = np.where(stale, remarks | int(Remark.METER_STALE), remarks)
         remarks = np.where(place < 0, int(Remark.METER_MISSING), remarks)
         power = np.where(remarks == 0, pieces.mean_power[row], np.nan)

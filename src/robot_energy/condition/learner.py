@@ -93,6 +93,8 @@ class ConditionLearner:
     A `robot_energy.pipeline.power_stage.Condition`.
 
     Attributes:
+        learns: Whether anything is learned.
+        applies: Whether predictions use what was learned.
         thermal: What estimates temperatures that no sensor measures.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
@@ -101,6 +103,8 @@ class ConditionLearner:
         limits = settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at
         assumed = settings.temperature_assumed
         self.learning = Learning.OFF if assumed else settings.learning
+        self.learns = self.learning is not Learning.OFF
+        self.applies = self.learning is Learning.APPLY
         self.thermal = ThermalObserver(model, not assumed, MeterCurve(*limits))
         self._model = model
         n_joints = len(model.joints)
@@ -123,16 +127,6 @@ class ConditionLearner:
         self._use = self._figures()
 
     @property
-    def learns(self) -> bool:
-        """Whether anything is learned."""
-        return self.learning is not Learning.OFF
-
-    @property
-    def applies(self) -> bool:
-        """Whether predictions use what was learned."""
-        return self.learning is Learning.APPLY
-
-    @property
     def in_use(self) -> bool:
         """Whether predictions of this part differ from those of the model file."""
         return self.applies and self._use.any
@@ -144,7 +138,10 @@ class ConditionLearner:
         self.thermal.measure(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
-        """As `Condition.cuts`: where a part begins, if figures are applied, or a window."""
+        """Cut where a part begins, if figures are applied, or a window.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.cuts`.
+        """
         windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
         if not self.applies:
             return windows
@@ -152,7 +149,10 @@ class ConditionLearner:
         return [*windows, *parts]
 
     def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
-        """As `Condition.begin`."""
+        """Learn from the part before, if it has ended.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.begin`.
+        """
         if self._part is not None and stamp_ns // PART_NS != self._part:
             self._end_part()
         if self.thermal.on:
@@ -161,7 +161,10 @@ class ConditionLearner:
     def estimate(
         self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
     ) -> tuple[Float, Float]:
-        """As `Condition.estimate`."""
+        """Leave temperatures to the thermal observer.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
+        """
         if not self.thermal.on:
             return reading_degc, reading_degc
         return self.thermal.estimate(reading_degc, viscous, std, shared, quality)
@@ -169,7 +172,10 @@ class ConditionLearner:
     def learned(
         self, motor_velocity: Float, motor_temperature_degc: Float
     ) -> tuple[Float | float, float, float] | None:
-        """As `Condition.learned`."""
+        """Return what counts in this part.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
+        """
         if not self.in_use:
             return None
         use = self._use
@@ -179,7 +185,10 @@ class ConditionLearner:
         return (factor, use.offset, 0.0) if use.at_bus else (factor, 0.0, use.offset)
 
     def step(self, block: PowerBlock, reading_degc: Float) -> None:
-        """As `Condition.step`."""
+        """Take the power of a part.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.step`.
+        """
         if self.thermal.on:
             self.thermal.take(block, reading_degc)
         if not self.learns:

@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import PlainSerializer
 
 from robot_energy.condition.baseline import Contrasts
-from robot_energy.condition.drift_test import ROBOT, Drift, DriftTest, FrictionChange
+from robot_energy.condition.drift import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.programs import KnownProgram, ProgramTable
 from robot_energy.condition.record import (

@@ -15,8 +15,7 @@ from robot_energy.messages.fields import FRAME, RECORDING
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
 from robot_energy.timeline.epochs import Reach
-from robot_energy.timeline.gaps import BY_PERIOD, StampOrder, newer
-from robot_energy.timeline.stamps import valid_stamps
+from robot_energy.timeline.stamps import BY_PERIOD, StampOrder, newer, valid_stamps
 from robot_energy.timeline.streams import OLDER, StreamRun
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"

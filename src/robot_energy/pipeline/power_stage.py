@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -15,30 +16,131 @@ from robot_energy.certainty.deviation import (
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FallbackUse, FrictionTimeline
 from robot_energy.pipeline.settings import Settings
-from robot_energy.pipeline.supply import OF_CABINET, SupplyStage
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
     Float,
     FrictionBlock,
+    HeldRows,
     Int,
     MeterBlock,
+    Phase,
     PowerBlock,
     Quality,
     TorqueBlock,
     differences,
     mark,
+    sum_over_joints,
 )
-from robot_energy.timeline.hold import HeldRows
 
+MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
 HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns]
 NO_SLOT = -1  # before the first sample
+
+
+class SupplyStage:
+    """Drives and cabinet of a robot.
+
+    Args:
+        settings: What the effort is, which shows what motors hold at rest.
+    """
+
+    def __init__(self, model: RobotModel, settings: Settings) -> None:
+        self.drive = drive_from_model(model)
+        self.cabinet = CabinetStage(model.cabinet)
+        self.hold = HoldTorque(model, settings.effort)
+        self._standstill = motor_standstill(model)
+        self._fallback_degc = model.temperature.fallback_degc
+
+    def standing(self, motor_velocity: Float) -> NDArray[np.bool_]:
+        """Return where motors stand, same shape.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+        """
+        return np.asarray(np.abs(motor_velocity) <= self._standstill)
+
+    def winding(self, motor_temperature_degc: Float) -> Float:
+        """Return the temperature of windings; where none is known, that of the model. [degC]
+
+        Args:
+            motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
+        """
+        unknown = np.isnan(motor_temperature_degc)
+        return np.where(unknown, self._fallback_degc, motor_temperature_degc)
+
+    def drawn(
+        self, shaft: Float, speed: Float, wound: Float, winding: Float, quality: Bits
+    ) -> Float:
+        """Return the input power of every drive, shape (N, n). [W]
+
+        Args:
+            shaft: Shaft power, shape (N, n). [W]
+            speed: Motor velocity, same shape. [rad/s]
+            wound: Torque in the windings, same shape. [N m]
+            winding: Their temperature, same shape. [degC]
+            quality: Marked in place where a drive is outside its map, shape (N,).
+        """
+        power, extrapolated = self.drive.input_power(shaft, speed, wound, winding)
+        if extrapolated is not None:
+            mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
+        return power
+
+    def balance(
+        self, block: TorqueBlock | PowerBlock, drawn: Float, standing: NDArray[np.bool_],
+        quality: Bits,
+    ) -> tuple[Float, Balance, NDArray[np.uint8]]:  # fmt: skip
+        """Return the power of the bus [W], what the cabinet makes of it, and the phase, (N,) each.
+
+        Args:
+            block: Samples in time order, behind those before.
+            drawn: By every drive, shape (N, n). [W]
+            standing: Where motors stand, shape (N, n).
+            quality: Marked in place where the power is not finite, shape (N,).
+        """
+        bus = sum_over_joints(drawn)
+        bus[np.abs(bus) > MAX_POWER] = np.nan
+        balance = self.cabinet.step(block.stamp_ns, block.segment, bus)
+        finite = np.isfinite(balance.grid_power)
+        mark(quality, ~finite, Quality.NOT_FINITE)
+        phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
+        phase[standing.all(axis=1)] = Phase.HOLD
+        phase[bus + balance.loss_dc < 0] = Phase.GENERATING
+        phase[~finite] = Phase.UNKNOWN
+        return bus, balance, phase
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def again(self, power: PowerBlock) -> PowerBlock:
+        """Return power as these drives and this cabinet make it; torque and friction stay.
+
+        Args:
+            power: Of a model that differs in nothing else; in time order.
+        """
+        speed, standing = power.motor_velocity, self.standing(power.motor_velocity)
+        quality = power.quality & ~np.uint32(Quality.DRIVE_EXTRAPOLATED | Quality.NOT_FINITE)
+        wound, _ = self.hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)
+        shaft = power.rigid_power + power.friction_power
+        winding = self.winding(power.motor_temperature_degc)
+        drawn = self.drawn(shaft, speed, wound, winding, quality)
+        bus, balance, phase = self.balance(power, drawn, standing, quality)
+        return replace(
+            power,
+            quality=quality,
+            phase=phase,
+            drive_loss=drawn - shaft,
+            bus_power=bus,
+            **balance.__dict__,
+        )
 
 
 class Condition(Protocol):
@@ -77,8 +179,9 @@ class Condition(Protocol):
 
         Args:
             reading_degc: NaN where there is none, shape (N, n), not to be written to. [degC]
-            viscous: At these readings, its deviation, and the part of it that errs alike at all
-                joints; changed in place, shape (N, n) each. [N m s/rad]
+            viscous: At these readings, changed in place as the next two, shape (N, n). [N m s/rad]
+            std: Its deviation, shape (N, n). [N m s/rad]
+            shared: Part of that which errs alike at all joints, shape (N, n). [N m s/rad]
             quality: Marked in place, shape (N,).
         """
         ...
@@ -269,7 +372,7 @@ class PowerStage:
             payload_mass=block.payload_mass,
             bus_power=bus,
             deviation=deviation,
-            **{name: getattr(balance, name) for name in OF_CABINET},
+            **balance.__dict__,
         )
         self._condition.step(power, measured_degc[-1])
         return power

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from robot_energy.accounting.settings import AccountSettings
 from robot_energy.timeline.blocks import EffortMeaning, Learning
-from robot_energy.timeline.gaps import BY_PERIOD
+from robot_energy.timeline.stamps import BY_PERIOD
 
 
 @dataclass(frozen=True)

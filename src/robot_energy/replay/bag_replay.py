@@ -11,7 +11,7 @@ from pathlib import Path
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
-from robot_energy.accounting.integration import MAX_ENERGY
+from robot_energy.accounting.registers import MAX_ENERGY
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
@@ -36,7 +36,7 @@ from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.torque_limits import TorqueLimitWatch
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.pipeline.work_sums import WorkSums
 from robot_energy.replay.energy_bag import EnergyBagWriter
 from robot_energy.replay.read_ahead import can_read_ahead, read_ahead

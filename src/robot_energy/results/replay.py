@@ -8,7 +8,7 @@ import numpy as np
 from robot_energy.messages.registers import interval_fields
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import Replay
 from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.auxiliary import (

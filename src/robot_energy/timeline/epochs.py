@@ -142,11 +142,6 @@ class EpochSplitter:
         self._held = []
 
     @property
-    def waiting(self) -> int:
-        """Messages that wait for later ones."""
-        return len(self._held)
-
-    @property
     def beginning(self) -> bool:
         """Whether the first message of all waits for the second."""
         return bool(self._held) and not self._sure

@@ -44,6 +44,9 @@ class ReorderBuffer(Generic[B]):
         window_ns: How far a stamp may lie behind the newest one of the same kind. [ns]
         kinds: Gives the rows of each kind, as of the messages that have the same joints; None where
             there is one kind only.
+
+    Attributes:
+        held: Messages that wait for the window to pass; None if there are none.
     """
 
     def __init__(
@@ -52,27 +55,20 @@ class ReorderBuffer(Generic[B]):
         reject: Callable[[str, int], None],
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
-        self._window_ns = window_ns
+        self.window_ns = window_ns
         self._reject = reject
         self._kinds = kinds
         self.restart()
 
-    @property
-    def waiting(self) -> int:
-        """Messages that wait for the window to pass."""
-        return 0 if self._held is None else len(self._held)
-
     def restart(self) -> None:
         """Forget what waits, and the stamps met."""
         self._newest: dict[bytes, int] = {}
-        self._held: B | None = None
+        self.held: B | None = None
 
     def step(self, block: B) -> B:
         """Return the messages that are in order by now, which may be none."""
-        if not self._window_ns:
-            return block
-        known = self.waiting
-        whole = block if self._held is None else type(block).concatenate([self._held, block])
+        known = 0 if self.held is None else len(self.held)
+        whole = block if self.held is None else type(block).concatenate([self.held, block])
         release = np.full(len(whole), -1, dtype=np.int64)  # row whose arrival lets it go
         keep = np.ones(len(whole), dtype=np.bool_)
         kinds = {b"": np.arange(len(whole))} if self._kinds is None else self._kinds(whole)
@@ -83,21 +79,21 @@ class ReorderBuffer(Generic[B]):
                 continue
             before = self._newest.get(key, int(stamp[0]))
             newest = np.maximum.accumulate(np.append(before, stamp))
-            keep[fresh[stamp < newest[:-1] - self._window_ns]] = False
+            keep[fresh[stamp < newest[:-1] - self.window_ns]] = False
             self._newest[key] = int(newest[-1])
-            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self._window_ns, side="left")
+            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self.window_ns, side="left")
             free = at < len(stamp)
             release[rows[free]] = fresh[at[free]]
         self._reject(OLDER, int((~keep).sum()))
         free = np.flatnonzero(keep & (release >= 0))
         order = np.lexsort((whole.stamp_ns[free], release[free]))
         left = keep & (release < 0)
-        self._held = whole[left] if bool(left.any()) else None
+        self.held = whole[left] if bool(left.any()) else None
         return whole[free[order]]
 
     def flush(self) -> B | None:
         """Return what still waits, as at the end of an epoch, and forget its stamps."""
-        held = self._held
+        held = self.held
         self.restart()
         return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
 
@@ -128,7 +124,7 @@ class StreamSplitter(Generic[B]):
     ) -> None:
         self.epochs = EpochSplitter(reach)
         self._reject = reject or _by_caller
-        self._order = ReorderBuffer[B](window_ns, self._reject, kinds)
+        self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
         self.lag_ns: int | None = None
@@ -136,7 +132,7 @@ class StreamSplitter(Generic[B]):
     @property
     def waiting(self) -> int:
         """Messages that wait for later ones."""
-        return self.epochs.waiting + self._order.waiting
+        return sum(len(each) for each in (self.held, self.order.held) if each is not None)
 
     def step(self, block: B, arrival_ns: int | None = None) -> list[StreamRun[B]]:
         """Return the messages that are known to belong to their epoch; often one run.
@@ -163,7 +159,7 @@ class StreamSplitter(Generic[B]):
         """Drop what waits, as after an error."""
         self.held = self.refused = None
         self.epochs.restart()
-        self._order.restart()
+        self.order.restart()
 
     def _taken(self, block: B, found: Sorted) -> list[StreamRun[B]]:
         self.refused = block[np.asarray(found.strays, dtype=np.int64)] if found.strays else None
@@ -174,7 +170,7 @@ class StreamSplitter(Generic[B]):
             arrived = block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)]
             if run.new_epoch:
                 runs += self._end_of_epoch()
-            ordered = self._order.step(arrived)
+            ordered = self.order.step(arrived) if self.order.window_ns else arrived
             rising = run.rising and ordered is arrived
             first_ns = int(arrived.stamp_ns[0])
             runs.append(StreamRun(ordered, run.new_epoch, run.restless, rising, first_ns))
@@ -182,7 +178,7 @@ class StreamSplitter(Generic[B]):
 
     def _end_of_epoch(self) -> list[StreamRun[B]]:
         """Return what waits for its place within the epoch that ends."""
-        late = self._order.flush()
+        late = self.order.flush()
         return [] if late is None else [StreamRun(late, False, False, False, int(late.stamp_ns[0]))]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError, ParameterError
+from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
 from robot_energy.timeline.blocks import EffortMeaning
@@ -132,6 +133,8 @@ class BagSource:
             sampled = channels_of(motion, rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
+        del recordings, part, motion, sampled
+        give_back_freed_memory()  # of all but the motion
         return found
 
     def lazy(

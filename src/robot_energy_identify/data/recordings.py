@@ -25,8 +25,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.pipeline import Settings, TorqueStage
 from robot_energy.pipeline.friction_stage import FrictionStage
-from robot_energy.pipeline.power_stage import PowerStage
-from robot_energy.pipeline.supply import SupplyStage
+from robot_energy.pipeline.power_stage import PowerStage, SupplyStage
 from robot_energy.replay.bag_replay import Progress, Replay, replay
 from robot_energy.replay.replay_steps import ROWS
 from robot_energy.replay.setup import ReplaySetup

@@ -17,7 +17,7 @@ from robot_energy_history.api import History, history, history_events, job_sums
 from robot_energy_history.differences import SLOT_NS
 from robot_energy_history.files import open_reader, reader
 from robot_energy_history.schema import JOB_SUMS
-from robot_energy_history.spans import robots_of
+from robot_energy_history.spans import robots_of, rows_of, zone_of
 from robot_energy_history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy_report.page.history_figures import (
     GROUPS,
@@ -30,7 +30,6 @@ from robot_energy_report.page.history_figures import (
     parts_of,
     remarks_of,
     rests_of,
-    rows_of,
     series_of,
     summed,
     total_of,
@@ -41,7 +40,6 @@ from robot_energy_report.page.history_period import (
     instant,
     period_at,
     span_of,
-    zone_of,
 )
 
 SHOWN_OF_JOBS = ("observed_ns", IMPORT)

@@ -25,7 +25,7 @@ from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.bag_row import replay_bag
 from robot_energy_fleet.dataset import Dataset, read_tables, scan
-from robot_energy_fleet.run import FleetRun, in_turn, run_fleet
+from robot_energy_fleet.fleet_run import FleetRun, in_turn, run_fleet
 from robot_energy_fleet.workers import on_dask
 from robot_energy_history.store import HistoryStore
 

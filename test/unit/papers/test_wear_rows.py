@@ -29,7 +29,7 @@ def test_a_cycle_at_another_temperature_is_that_of_the_rig():
     pipeline.torque.set_payload(known)
     blocks: list[PowerBlock] = []
     learner = pipeline.condition
-    learner.step = blocks.append
+    learner.step = lambda block, _: blocks.append(block)
     output = rig.step(round(ROWS.cycle * RATE))
     pipeline.step(joint_block(output.joints), output.temperatures, None)
     block = PowerBlock.concatenate(blocks)

@@ -14,7 +14,7 @@ from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
 from robot_energy.timeline.blocks import NANOSECOND, Int, TemperatureBlock
 from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, newest_by_epoch
 from robot_energy.timeline.streams import (
     StreamRun,
     StreamSplitter,

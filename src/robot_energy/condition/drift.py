@@ -11,9 +11,8 @@ covariance without wear, y the excess minus its expected baseline and u the shap
 
 and z is standard normal without a change. How large the wander is nobody says: with log
 likelihoods l(s) of its sizes s, ``sqrt(2 (max(l + z^2 / 2) - max l))`` over all sizes, shapes and
-beginnings is compared with the limit of a ramp, with `MIN_Z`, or with `MIN_Z_YOUNG` where hours of
-motion have not yet confirmed a small step: a payload differs from all before by more than it
-scatters.
+beginnings is compared with a limit of `AlarmLimits`: of a ramp, of a step, or of a step that hours
+of motion have not yet confirmed: a payload differs from all before by more than it scatters.
 Each program of the robot but the first has a level and slopes of its own (`programs`). A change
 that was found stays in the model, so that the next one is looked for on top of it.
 
@@ -40,10 +39,7 @@ WANDER_HOURS = 3.0  # of motion
 BRIEF = 0.5  # part of the scatter, that lasts a while; share of its variance [-]
 CHANGE = 1.0  # of a change that was found, before its size is known [-]
 
-MIN_Z, MIN_Z_YOUNG = 5.0, 10.0  # deviations of a step that has lasted, of a young one
-LARGE = 0.08  # a young step that is larger counts as one that has lasted; no payload does it [-]
-# Of a ramp, a step that has lasted, a young large one, a young one, once another program was seen.
-MANY_Z_RAMP, MANY_Z, MANY_Z_LARGE, MANY_Z_YOUNG = 8.0, 8.0, 12.0, 18.0
+LARGE = 0.08  # of a step that is large: no payload makes it [-]
 MIN_SIZE = 0.005  # of a change [-]
 MIN_BEFORE, MIN_AFTER = 3, 3  # records before and after the beginning of a change
 MIN_RAMP = 12.0  # shortest ramp, and reference before it; what is shorter is a step [h]
@@ -55,26 +51,57 @@ MAX_RECORDS = 90
 
 
 @dataclass(frozen=True)
+class AlarmLimits:
+    """Deviations by which a change must stand out to be an alarm, above all that is no wear. [-]
+
+    Set by what sound robots of the virtual rig reach in thousands of hours, and changed ones do.
+
+    Attributes:
+        ramp: A change that comes slowly, among drifts of no known cause.
+        step: A step that has lasted: payloads change within hours.
+        young_large: A step of `LARGE` or more that has not lasted yet.
+        young: A smaller one, which a payload may be.
+    """
+
+    ramp: float
+    step: float
+    young_large: float
+    young: float
+
+    def of(self, ramp: bool, young: bool, large: bool) -> float:
+        """Return the limit of a change. [-]"""
+        if ramp or not young:
+            return self.ramp if ramp else self.step
+        return self.young_large if large else self.young
+
+
+SEVERAL_PROGRAMS = AlarmLimits(8.0, 8.0, 12.0, 18.0)
+"""Once another program was seen: it moves friction as no payload does, also by much."""
+
+
+@dataclass(frozen=True)
 class Subject:
     """What the records are of.
 
     Attributes:
         min_hours: Motion before anything is found; no payload but one was seen. [h]
         lasting: A step that is younger is young. [h]
-        min_z_ramp: Deviations of a ramp. [-]
+        limits: While one program is known.
         max_brief: Greatest standard deviation of what scatter lasts a while, unless it is learned
             as payload. [-]
     """
 
     min_hours: float
     lasting: float
-    min_z_ramp: float
+    limits: AlarmLimits
     max_brief: float
 
 
-JOINT = Subject(3.0, 6.0, 4.0, 0.002)
-ROBOT = Subject(48.0, 24.0, 4.7, inf)  # by a power meter, where payloads move friction more
-BAGS = Subject(3.0, 6.0, 4.7, inf)  # of one joint, one record each; they differ for many reasons
+JOINT = Subject(3.0, 6.0, AlarmLimits(4.0, 5.0, 5.0, 10.0), 0.002)
+ROBOT = Subject(48.0, 24.0, AlarmLimits(4.7, 5.0, 5.0, 10.0), inf)
+"""By a power meter, where payloads move friction more."""
+BAGS = Subject(3.0, 6.0, ROBOT.limits, inf)
+"""Of one joint, one record each; they differ for many reasons."""
 
 
 @dataclass(frozen=True)
@@ -264,7 +291,8 @@ class DriftTest:
         begin = int(np.concatenate([begins, slow])[best])
         before, after = self.records[begin - 1], self.records[begin]
         young = hours[-1] - before.hours < self._subject.lasting
-        least = self._least(ramp, young, abs(size) >= LARGE)
+        limits = SEVERAL_PROGRAMS if self.contrasts.programs else self._subject.limits
+        least = limits.of(ramp, bool(young), abs(size) >= LARGE)
         if surprise[best] < least or begin > n - MIN_AFTER:
             return None
         size *= float(hours[-1] - before.hours) if ramp else 1.0
@@ -284,14 +312,6 @@ class DriftTest:
         later[:, 0] = 1.0 - later.sum(axis=1)
         known = (later[:begin] > 0.0).any(axis=0)
         return int((later[begin:, known].sum(axis=1) > 0.5).sum()) >= MIN_AFTER
-
-    def _least(self, ramp: bool, young: bool, large: bool) -> float:
-        """How far a change must stand out; a program can do what a payload cannot. [-]"""
-        if self.contrasts.programs:
-            least = (MANY_Z_LARGE if large else MANY_Z_YOUNG) if young else MANY_Z
-            return MANY_Z_RAMP if ramp else least
-        least = MIN_Z_YOUNG if young and not large else MIN_Z
-        return self._subject.min_z_ramp if ramp else least
 
     def _shapes(self, records: list[WearRecord]) -> Float:
         """What each change that was found adds to records, means, shape (n, changes). [-]"""

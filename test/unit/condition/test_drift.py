@@ -10,7 +10,7 @@ import pytest
 from robot_energy.condition import programs
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts
 from robot_energy.condition.buckets import SPEED_BUCKETS
-from robot_energy.condition.drift_test import MAX_RECORDS, DriftTest
+from robot_energy.condition.drift import MAX_RECORDS, DriftTest
 from robot_energy.condition.programs import OWN
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
