@@ -64,7 +64,7 @@ class Option:
         values = cast("Collection[object]", value) if several else (value,)
         fits = not self.choices or all(one in self.choices for one in values)
         if self.unit and not self.choices:
-            fits = isinstance(value, Real) and not isinstance(value, bool)
+            fits = not isinstance(value, bool) and isinstance(value, Real)
             fits = fits and self.low <= cast("float", value) <= self.high
             fits = fits and (self.unit != "1" or value == int(cast("float", value)))
         if not fits:

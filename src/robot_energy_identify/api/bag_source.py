@@ -12,7 +12,6 @@ from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.options import EFFORTS
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import Inputs
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from robot_energy_identify.friction.samples import FrictionData
     from robot_energy_identify.stats.systematic import SensorLimits
 
+EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 NEVER_GUESSED = "the effort of a driver is never guessed"
 
 
@@ -121,6 +121,11 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
+        found = self._channels(model)
+        give_back_freed_memory()  # of the recordings, which take more than their motion
+        return found
+
+    def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         from robot_energy_identify.data.bags import Kept, motion_time
         from robot_energy_identify.data.recordings import channels_of
 
@@ -133,8 +138,6 @@ class BagSource:
             sampled = channels_of(motion, rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
-        del recordings, part, motion, sampled
-        give_back_freed_memory()  # of all but the motion
         return found
 
     def lazy(

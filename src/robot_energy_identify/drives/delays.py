@@ -204,7 +204,7 @@ def _moved(
     for pieces in limits.pieces(undone(meter, lag)):
         kept, mean = integrals.means(pieces)
         place = np.full((len(pieces), mean.shape[1]), np.nan)
-        place[np.searchsorted(pieces.start_ns, kept.start_ns)] = mean
+        place[np.searchsorted(pieces.stamp_ns, kept.stamp_ns)] = mean
         used = few(len(pieces))
         power.append(pieces.mean_power[used])
         means.append(place[used])
