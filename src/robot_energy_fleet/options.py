@@ -8,7 +8,7 @@ from robot_energy.foundation.options import Option, documented
 from robot_energy.replay.options import ReadOptions, ReplayOptions
 
 if TYPE_CHECKING:
-    from robot_energy_fleet.run import FleetRun
+    from robot_energy_fleet.fleet_run import FleetRun
     from robot_energy_plan.optimization.rest_states import RestState
 
 WHERE, YEAR = "where it runs", "a year"
