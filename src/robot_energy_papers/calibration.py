@@ -22,18 +22,9 @@ POSES, POSE_SHARE = 300, 0.9  # of every joint range
 HOLDING_DEGC = 60.0
 PROGRAM_DEGC = (20.0, 22.0, 60.0, 80.0)
 FLOWS = (
-    "rigid_power",
-    "friction_power",
-    "iron_loss",
-    "copper_loss",
-    "inverter_loss",
-    "rectifier_loss",
-    "brake_power",
-    "capacitor_power",
-    "loss_dc",
-    "loss_grid",
-    "grid_power",
-)
+    "rigid_power", "friction_power", "iron_loss", "copper_loss", "inverter_loss", "rectifier_loss",
+    "brake_power", "capacitor_power", "loss_dc", "loss_grid", "grid_power",
+)  # fmt: skip
 ELECTRICAL = ("iron_loss", "copper_loss", "inverter_loss", "rectifier_loss")
 
 

@@ -11,16 +11,6 @@ from robot_energy_rig.random_plant import random_profile
 from robot_energy_rig.virtual_rig import VirtualRig
 
 __all__ = [
-    "HardEffects",
-    "Lubricant",
-    "PlantProfile",
-    "RigConfig",
-    "RigJoints",
-    "RigOutput",
-    "Sensors",
-    "SupplyProfile",
-    "Truth",
-    "VirtualRig",
-    "load_profile",
-    "random_profile",
-]
+    "HardEffects", "Lubricant", "PlantProfile", "RigConfig", "RigJoints", "RigOutput", "Sensors",
+    "SupplyProfile", "Truth", "VirtualRig", "load_profile", "random_profile",
+]  # fmt: skip

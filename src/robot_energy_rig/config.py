@@ -9,15 +9,9 @@ from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import MeterMeaning
 
 HARD = (
-    "elastic_joints",
-    "presliding",
-    "coulomb_temperature",
-    "viscous_exponent",
-    "fan",
-    "velocity_filter",
-    "meter_filter",
-    "temperature_error",
-)
+    "elastic_joints", "presliding", "coulomb_temperature", "viscous_exponent", "fan",
+    "velocity_filter", "meter_filter", "temperature_error",
+)  # fmt: skip
 """Effects that no model file has a term for; the identification undoes the low pass of a meter."""
 POSITIVE = ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate")
 

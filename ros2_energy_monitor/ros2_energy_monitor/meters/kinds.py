@@ -34,35 +34,21 @@ class MeterLinkKind(Kind):
 
 METER_LINKS = Kinds(
     "meter link",
-    MeterLinkKind(
-        name="modbus_tcp",
-        label="Modbus TCP",
-        line="registers whose numbers the profile states",
-        profile=ModbusProfile,
-        make=ModbusLink,
+    *(
+        MeterLinkKind(name=name, label=label, line=line, profile=profile, make=make)
+        for name, label, line, profile, make in (
+            ("modbus_tcp", "Modbus TCP", "registers whose numbers the profile states",
+             ModbusProfile, ModbusLink),
+            ("sunspec", "SunSpec over Modbus TCP",
+             "meter models 201 to 204 and 211 to 214, found by their headers",
+             SunSpecProfile, SunSpecLink),
+            ("http_json", "HTTP with JSON", "one request, an answer with all numbers",
+             HttpProfile, HttpLink),
+            ("mqtt_json", "MQTT with JSON", "messages that the meter sends to a broker by itself",
+             MqttProfile, MqttLink),
+        )
     ),
-    MeterLinkKind(
-        name="sunspec",
-        label="SunSpec over Modbus TCP",
-        line="meter models 201 to 204 and 211 to 214, found by their headers",
-        profile=SunSpecProfile,
-        make=SunSpecLink,
-    ),
-    MeterLinkKind(
-        name="http_json",
-        label="HTTP with JSON",
-        line="one request, an answer with all numbers",
-        profile=HttpProfile,
-        make=HttpLink,
-    ),
-    MeterLinkKind(
-        name="mqtt_json",
-        label="MQTT with JSON",
-        line="messages that the meter sends to a broker by itself",
-        profile=MqttProfile,
-        make=MqttLink,
-    ),
-)
+)  # fmt: skip
 
 
 def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:

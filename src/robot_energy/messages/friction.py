@@ -18,14 +18,9 @@ from robot_energy.timeline.streams import joined
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
 ARRAYS = (
-    "coulomb",
-    "viscous",
-    "viscous_std",
-    "viscous_shared_std",
-    "viscous_fallback",
-    "viscous_fallback_std",
-    "motor_temperature_degc",
-)
+    "coulomb", "viscous", "viscous_std", "viscous_shared_std", "viscous_fallback",
+    "viscous_fallback_std", "motor_temperature_degc",
+)  # fmt: skip
 
 
 class FrictionWriter:

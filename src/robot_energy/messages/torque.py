@@ -20,14 +20,9 @@ from robot_energy.timeline.streams import OLDER
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (
-    "joint_position",
-    "joint_velocity",
-    "joint_acceleration",
-    "joint_torque_rigid",
-    "motor_velocity",
-    "motor_torque_rigid",
-    "motor_torque_measured",
-)
+    "joint_position", "joint_velocity", "joint_acceleration", "joint_torque_rigid",
+    "motor_velocity", "motor_torque_rigid", "motor_torque_measured",
+)  # fmt: skip
 
 
 class TorqueWriter:

@@ -33,39 +33,19 @@ class Layout(Kind):
 
 LAYOUTS = Kinds(
     "viewer",
-    Layout(
-        name="foxglove",
-        label="Foxglove",
-        line="layout of version 1",
-        file="foxglove.json",
-        start=b"{",
-        make=foxglove,
+    *(
+        Layout(name=name, label=label, line=line, file=file, start=start, make=make)
+        for name, label, line, file, start, make in (
+            ("foxglove", "Foxglove", "layout of version 1", "foxglove.json", b"{", foxglove),
+            ("lichtblick", "Lichtblick", "layout of the older form", "lichtblick.json", b"{",
+             lichtblick),
+            ("plotjuggler", "PlotJuggler 3", "layout with a ROS 2 streamer", "plotjuggler.xml",
+             b"<?xml", plotjuggler),
+            ("rqt", "rqt", "perspective with the first page and the diagnostics", "rqt.perspective",
+             b"{", rqt),
+        )
     ),
-    Layout(
-        name="lichtblick",
-        label="Lichtblick",
-        line="layout of the older form",
-        file="lichtblick.json",
-        start=b"{",
-        make=lichtblick,
-    ),
-    Layout(
-        name="plotjuggler",
-        label="PlotJuggler 3",
-        line="layout with a ROS 2 streamer",
-        file="plotjuggler.xml",
-        start=b"<?xml",
-        make=plotjuggler,
-    ),
-    Layout(
-        name="rqt",
-        label="rqt",
-        line="perspective with the first page and the diagnostics",
-        file="rqt.perspective",
-        start=b"{",
-        make=rqt,
-    ),
-)
+)  # fmt: skip
 
 
 def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:

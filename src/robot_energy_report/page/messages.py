@@ -28,17 +28,10 @@ STATE = ("coverage", "measurement_age", "payload_mass", "band")
 JOINT_POWERS = ("rigid_power", "friction_power", "drive_loss")
 JOINT_STATE = ("motor_temperature_degc", "motor_torque", "motor_velocity", "coulomb", "viscous")
 ENERGIES = (
-    "predicted_import_energy",
-    "predicted_return_energy",
-    "predicted_energy_std",
-    "predicted_energy_band",
-    "measured_energy",
-    "predicted_energy_at_meter",
-    "brake_energy",
-    "loss_dc_energy",
-    "loss_grid_energy",
-    "capacitor_energy",
-)
+    "predicted_import_energy", "predicted_return_energy", "predicted_energy_std",
+    "predicted_energy_band", "measured_energy", "predicted_energy_at_meter", "brake_energy",
+    "loss_dc_energy", "loss_grid_energy", "capacitor_energy",
+)  # fmt: skip
 OUTLET = ("outlet_energy", "outlet_cabinet_energy", "outlet_time")
 TIMES = ("observed_time", "gap_time", "comparison_time", "gap_count")
 JOINT_ENERGIES = tuple(JOINT_FIELDS.values())

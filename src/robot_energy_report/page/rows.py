@@ -36,12 +36,9 @@ SENTENCES = {
 Load = dict[str, Any]
 MAX_INTERVALS = 20  # shown, the newest first
 FIGURES = (
-    "predicted_import_energy",
-    "measured_energy",
-    "predicted_energy_at_meter",
-    "coverage",
+    "predicted_import_energy", "measured_energy", "predicted_energy_at_meter", "coverage",
     "predicted_peak_power",
-)
+)  # fmt: skip
 Fields = dict[str, Any]
 """Fields of a job interval as `interval_fields` names them."""
 

@@ -15,15 +15,9 @@ from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.terms import TERMS, with_hints
 
 SCRIPTS = (
-    "format.js",
-    "theme.js",
-    "flow.js",
-    "lines.js",
-    "tables.js",
-    "access.js",
-    "stream.js",
+    "format.js", "theme.js", "flow.js", "lines.js", "tables.js", "access.js", "stream.js",
     "main.js",
-)
+)  # fmt: skip
 HISTORY_SCRIPTS = ("bars.js", "curves.js", "savings.js", "history.js")
 REPORT_SCRIPTS = ("format.js", "theme.js", "flow.js", "report.js")
 FILES = {

@@ -26,7 +26,7 @@ def short(monkeypatch):
 
 def test_recorded_sets_are_pieces_of_one_uninterrupted_rig(short, tmp_path, monkeypatch):
     profile = two_link_profile(tmp_path)
-    monkeypatch.setattr(experiment, "_limits", lambda profile: LIMITS)
+    monkeypatch.setattr(experiment, "allowed", lambda profile: (LIMITS, None))
     plan = Plan(3, (20.0, 22.0), cool_cycles=2, cool_at=(200.0,))
     sets, rest = by_motion(profile, SET, WARM_UP, plan, tmp_path, "x", 5, HOLD, FAST)
     heat = WARM_UP.period * np.ceil(3.0 / WARM_UP.period)
