@@ -22,7 +22,10 @@ from lines import PACKAGES, ROOT
 PICTURE = ROOT / "src/doc/images/architecture.svg"
 CORE = "robot_energy"
 # Columns of the packages, from the left, so that arrows cross no box; the last one for all others.
-COLUMNS = {"ros2_energy_monitor": 0, "robot_energy_plan": 1, "robot_energy_rig": 1}
+COLUMNS = {
+    **{"ros2_energy_monitor": 0, "robot_energy_history": 0},
+    **{"robot_energy_plan": 1, "robot_energy_rig": 1},
+}
 WIDTH, MARGIN, GAP = 1000, 16, 30
 BOX = (WIDTH - 4 * MARGIN) // 3
 HEIGHT, LINE = 54, 14

@@ -1,5 +1,6 @@
 """Lines of Python in the core, its companions and the nodes; how many the monitor nodes load.
 
+Below stand the modules of the core that neither a monitor node nor a replay loads.
 Run it in the environment of the set-up: ``python .ci/lines.py``.
 """
 
@@ -7,6 +8,8 @@ from __future__ import annotations
 
 import importlib
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 from ownership import header
@@ -19,6 +22,7 @@ PACKAGES = {
     "ros2_energy_monitor": ROOT / "ros2_energy_monitor/ros2_energy_monitor",
 }
 GROUPS = {"robot_energy": "core", "ros2_energy_monitor": "nodes"}  # all others are companions
+BAG = ROOT / "bags/kr16_cold"
 NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor")
 
 
@@ -33,8 +37,7 @@ def main() -> None:
     sys.path[:0] = [str(folder.parent) for folder in PACKAGES.values()]
     for node in NODES:
         importlib.import_module(f"ros2_energy_monitor.nodes.{node}")
-    loaded = {Path(module.__file__).resolve() for module in list(sys.modules.values())
-              if getattr(module, "__file__", None)}  # fmt: skip
+    loaded = files_loaded()
     row = "{:<24} {:>7} {:>21}".format
     print(row("package", "lines", "of the monitor nodes"))
     groups = {"core": (0, 0), "companions": (0, 0), "nodes": (0, 0), "all": (0, 0)}
@@ -47,6 +50,20 @@ def main() -> None:
     print()
     for group, counts in groups.items():
         print(row(group, *counts))
+    command = importlib.import_module("robot_energy_cli")
+    with redirect_stdout(StringIO()):
+        command.main(["replay", str(BAG), "--model", "kr16"])
+    print()
+    print(row("core, not loaded", "lines", ""))
+    core = PACKAGES["robot_energy"]
+    for path in sorted({*core.rglob("*.py")} - files_loaded()):
+        print(row(str(path.relative_to(core)), lines(path), "").rstrip())
+
+
+def files_loaded() -> set[Path]:
+    """Return the files of all modules that are loaded."""
+    files = (getattr(module, "__file__", None) for module in list(sys.modules.values()))
+    return {Path(file).resolve() for file in files if file}
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ CORE = [
     "zstandard>=0.22",
 ]
 # Import packages of the distribution; robot_energy_studies stays in the clone.
-COMPANIONS = ("cli", "fleet", "identify", "logs", "papers", "plan", "report", "rig")
+COMPANIONS = ("cli", "fleet", "history", "identify", "logs", "papers", "plan", "report", "rig")
 PACKAGES = [NAME, *(f"{NAME}_{companion}" for companion in COMPANIONS)]
 IDENTIFY = ["clarabel>=0.9,<1", "threadpoolctl>=3.1"]
 REPORT = ["matplotlib>=3.8"]

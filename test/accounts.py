@@ -11,13 +11,13 @@ from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATION
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
+    HeldRows,
     Int,
     MeterBlock,
     MeterLocation,
     MeterMeaning,
     PowerBlock,
 )
-from robot_energy.timeline.hold import HeldRows
 
 NAMES = ("shoulder", "elbow")
 IDENTITY = Identity(robot_type="arm", robot_serial="7", joint_names=NAMES, model_id="m1")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from dataclasses import dataclass, field
 
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS, Reading
+from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS, Reading
 
 SECOND = 10**9
 MINUTE = 60 * SECOND
@@ -120,7 +120,7 @@ class Course:
 
 def run_course(folder, course: Course, seed: int, start: int = START) -> tuple[int, Robot]:
     """Record a course; return the energy of all registers that were set to zero, and the robot."""
-    from robot_energy.history.store import HistoryStore
+    from robot_energy_history.store import HistoryStore
 
     draw, robot = random.Random(seed), Robot(seed, now=start, start=start)
     count = course.days * DAY // course.period
@@ -189,9 +189,9 @@ def record_days(folder, robots, days=90, better_from=60):
 
     Friction of its elbow grows by 2 % in ten days, over model m1, and over m2 from the middle on.
     """
-    from robot_energy.history.friction import LearnedFriction
-    from robot_energy.history.schema import JOB_COLUMNS
-    from robot_energy.history.store import HistoryStore
+    from robot_energy_history.friction import LearnedFriction
+    from robot_energy_history.schema import JOB_COLUMNS
+    from robot_energy_history.store import HistoryStore
 
     store = HistoryStore(folder)
     store.open()

@@ -9,7 +9,8 @@ from robot_energy.bag.cdr import Encoder, RawBatch, stamp_columns
 from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.model import load
-from robot_energy.replay.api import run_replay
+from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy_report.page.recording import RecordedPage
 from robot_energy_report.page.settings import PageSettings
 
@@ -91,6 +92,8 @@ def recorded(bag="kr16_cold", settings=None, auxiliary=None):
     """The page of a bundled bag, and the replay that filled it."""
     model = load("kr16").changed(auxiliary=auxiliary)
     page = RecordedPage(bag, model, settings or PageSettings())
-    result = run_replay(BAGS / bag, model, power_period=page.period, on_output=page.take)
+    result = replay(
+        BAGS / bag, model, ReplaySetup.of({"power_period": page.period}), on_output=page.take
+    )
     page.finish(result)
     return page, result

@@ -37,9 +37,8 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
-from robot_energy.condition.learner import Learning
 from robot_energy.presets import ROBOTS
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, Learning
 from ros2_energy_monitor.launch_arguments import (
     BOOLEANS,
     LEVELS,

@@ -31,6 +31,7 @@ from robot_energy.model import load, save
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy_rig.auxiliary import auxiliary_loads
 from robot_energy_rig.record import RigEncoder
@@ -110,7 +111,9 @@ def offline(printing, cell, tmp_path, read_bag):
     file.write_text("/**:\n  ros__parameters:\n" + "\n".join(lines).replace("'", "") + "\n")
     inputs, _ = read_inputs(file)
     settings = Settings(power_period=0.04)
-    result = replay(printing, load(cell), settings=settings, out=tmp_path / "out", inputs=inputs)
+    result = replay(
+        printing, load(cell), ReplaySetup(settings=settings, out=tmp_path / "out", inputs=inputs)
+    )
     return result, read_bag(tmp_path / "out"), read_bag(printing)
 
 

@@ -20,6 +20,7 @@ from robot_energy.bag.cdr.decode import Decoder
 from robot_energy.model import load, save
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
@@ -74,7 +75,7 @@ class Collected:
 @pytest.fixture
 def offline(recording, tmp_path, read_bag):
     settings = Settings(effort=EffortMeaning.MOTOR_TORQUE, power_period=0.04)
-    result = replay(recording, load("kr16"), settings=settings, out=tmp_path / "out")
+    result = replay(recording, load("kr16"), ReplaySetup(settings=settings, out=tmp_path / "out"))
     found = read_bag(tmp_path / "out")
     return result, found["/energy/power"], found["/energy/registers"]
 
@@ -159,7 +160,9 @@ def test_three_nodes_give_the_figures_of_the_study_of_paper_a(bench, study, kind
     model = str(folder / f"{kind}.yaml")
     save(models[kind], model)
     settings = Settings(power_period=0.04)
-    states = replay(entry.path, models[kind], settings=settings, out=folder / f"{kind}_out")
+    states = replay(
+        entry.path, models[kind], ReplaySetup(settings=settings, out=folder / f"{kind}_out")
+    )
     rows = len(read_bag(folder / f"{kind}_out")["/energy/power"])
     power, _ = through_three_nodes(bench, read_bag(entry.path), model, rows)
     books, expected = power.account.comparison, states.account

@@ -19,10 +19,10 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros2_energy_msgs.msg import FrictionCondition, WearAlarm
 
-from robot_energy.condition.drift_test import Drift, FrictionChange
-from robot_energy.condition.learner import Learning
+from robot_energy.condition.drift import Drift, FrictionChange
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.pipeline import EnergyPipeline
+from robot_energy.timeline.blocks import Learning
 from robot_energy_rig import VirtualRig, load_profile
 from robot_energy_studies.learning_study import joint_block, work
 from ros2_energy_monitor.base.publishers import latched
@@ -78,12 +78,12 @@ def test_learned_figures_are_published_and_equal_those_of_a_replay(bench, output
     )
     whole = EnergyPipeline(node.model, settings_of(node.parameters))
     whole.step(joint_block(output.joints), output.temperatures, output.meter)
-    assert whole.power.condition.state() == node._pipeline.power.condition.state()
+    assert whole.condition.state() == node._pipeline.condition.state()
 
 
 def test_wear_warns_in_diagnostics_and_on_the_topic(bench):
     node = bench.add(EnergyMonitor, model="kr16", state_folder="", **EFFORT)
-    test = node._pipeline.power.condition.wear.joints[1]
+    test = node._pipeline.condition.wear.joints[1]
     test.changes = [FrictionChange(SINCE_NS, 1.0, 1.0, 0.14)]
     test.drift = Drift(0.15, 0.01, SINCE_NS, 1.0, False)
     node._condition._publish()
@@ -124,10 +124,10 @@ def test_what_was_learned_survives_the_node(bench, output, tmp_path):
     folder = str(tmp_path)
     node = bench.add(EnergyMonitor, model="kr16", state_folder=folder, **EFFORT)
     fed(node, output)
-    kept = node._pipeline.power.condition.friction.filtered
+    kept = node._pipeline.condition.friction.filtered
     bench.remove(node)
     node = bench.add(EnergyMonitor, model="kr16", state_folder=folder, **EFFORT)
-    np.testing.assert_array_equal(node._pipeline.power.condition.friction.filtered, kept)
+    np.testing.assert_array_equal(node._pipeline.condition.friction.filtered, kept)
 
 
 @pytest.mark.parametrize("word", ["off", False])  # YAML reads off as false

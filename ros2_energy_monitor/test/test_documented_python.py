@@ -35,7 +35,7 @@ def test_the_energy_of_a_job_from_python(loopback_bench, child_environment, mess
     )  # fmt: skip
     with job:
         intervals = node.account.intervals
-        bench.spin_until(lambda: intervals.open_count or job.poll() is not None, "an interval")
+        bench.spin_until(lambda: intervals.open_entries or job.poll() is not None, "an interval")
         before = node.account.totals().observed_ns
         for row in states[200:600]:
             publisher.publish(row)

@@ -28,7 +28,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 from sensor_msgs.msg import JointState
 
 from robot_energy.foundation.errors import PageError, ParameterError
-from robot_energy.history.store import HistoryStore
+from robot_energy_history.store import HistoryStore
 from robot_energy_report.page import web_app
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.demo.processes import NodeProcesses

@@ -19,8 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import JointState
 
-from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.message_loss import MessageLossCounter
+from ros2_energy_monitor.base.inbox import Inbox, MessageLossCounter
 from ros2_energy_monitor.base.publishers import best_effort, reliable
 
 

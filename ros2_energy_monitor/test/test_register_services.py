@@ -408,7 +408,7 @@ def test_services_wait_for_the_disk_next_to_the_ticks(bench, messages, tmp_path,
     """Power goes on while their answers wait; they come once the change is on disk."""
     node, powers = card.node, []
     opened = asked(bench, node, OpenInterval, "open_interval", name="job")
-    bench.spin_until(lambda: node.account.intervals.open_count, "the interval")
+    bench.spin_until(lambda: node.account.intervals.open_entries, "the interval")
     reset = asked(bench, node, ResetRegisters, "reset_registers", reason="new shift")
     before = node.account.start_ns
     bench.spin_until(lambda: node.account.start_ns != before, "the reset")
@@ -438,7 +438,7 @@ def test_a_disk_that_takes_too_long_is_said(bench, tmp_path, card, monkeypatch):
 
 def test_who_waits_is_answered_when_the_node_stops(bench, card, monkeypatch):
     opened = asked(bench, card.node, OpenInterval, "open_interval", name="job")
-    bench.spin_until(lambda: card.node.account.intervals.open_count, "the interval")
+    bench.spin_until(lambda: card.node.account.intervals.open_entries, "the interval")
     monkeypatch.setattr(slot_store, "wait", lambda jobs, _: None)  # the disk is not waited for
     card.node.trigger_deactivate()
     late = answer(bench, opened)

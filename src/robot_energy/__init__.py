@@ -33,15 +33,6 @@ if TYPE_CHECKING:
         ShapeError,
         UnknownJointError,
     )
-    from robot_energy.history.api import (
-        History,
-        history,
-        history_events,
-        history_friction,
-        history_jobs,
-    )
-    from robot_energy.history.baseline import EnergyBaseline
-    from robot_energy.history.savings import EnergySavings, history_savings
     from robot_energy.model import RobotModel
     from robot_energy.model import load as load_model
     from robot_energy.model import save as save_model
@@ -59,10 +50,19 @@ if TYPE_CHECKING:
     from robot_energy.results.replay import ReplayReport
     from robot_energy.timeline.blocks import Phase, Quality
     from robot_energy.timeline.time_series import TimeSeries
-    from robot_energy_fleet.advice.run import AdviceResult, advise
+    from robot_energy_fleet.advice.advise import AdviceResult, advise
     from robot_energy_fleet.api import fleet_identify, fleet_report, fleet_run
     from robot_energy_fleet.results.advice import AdviceReport
     from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
+    from robot_energy_history.api import (
+        History,
+        history,
+        history_events,
+        history_friction,
+        history_jobs,
+    )
+    from robot_energy_history.baseline import EnergyBaseline
+    from robot_energy_history.savings import EnergySavings, history_savings
     from robot_energy_identify.api.evaluate import evaluate
     from robot_energy_identify.api.identify import (
         IdentificationResult,
@@ -94,11 +94,6 @@ _NAMES = {
         "NotIdentifiableError", "ParameterError", "PayloadError", "ReportError",
         "RobotDescriptionError", "RobotEnergyError", "ShapeError", "UnknownJointError",
     ),
-    "robot_energy.history.api": (
-        "History", "history", "history_events", "history_friction", "history_jobs",
-    ),
-    "robot_energy.history.baseline": ("EnergyBaseline",),
-    "robot_energy.history.savings": ("EnergySavings", "history_savings"),
     "robot_energy.model": ("RobotModel", "load_model:load", "save_model:save"),
     "robot_energy.model.payload": ("Payload",),
     "robot_energy.pipeline": ("EnergyPipeline", "PipelineSettings:Settings"),
@@ -110,10 +105,15 @@ _NAMES = {
     "robot_energy.results.replay": ("ReplayReport",),
     "robot_energy.timeline.blocks": ("Phase", "Quality"),
     "robot_energy.timeline.time_series": ("TimeSeries",),
-    "robot_energy_fleet.advice.run": ("AdviceResult", "advise"),
+    "robot_energy_fleet.advice.advise": ("AdviceResult", "advise"),
     "robot_energy_fleet.api": ("fleet_identify", "fleet_report", "fleet_run"),
     "robot_energy_fleet.results.advice": ("AdviceReport",),
     "robot_energy_fleet.results.fleet": ("FleetFriction", "FleetReport", "FleetRunReport"),
+    "robot_energy_history.api": (
+        "History", "history", "history_events", "history_friction", "history_jobs",
+    ),
+    "robot_energy_history.baseline": ("EnergyBaseline",),
+    "robot_energy_history.savings": ("EnergySavings", "history_savings"),
     "robot_energy_identify.api.evaluate": ("evaluate",),
     "robot_energy_identify.api.identify": (
         "IdentificationResult", "identify_auxiliary", "identify_cabinet", "identify_dynamics",
@@ -179,11 +179,11 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """This module, in which `replay` and `history` are verbs, not the packages that hold them."""
+    """This module, in which `replay` is the verb, not the package that holds it."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         # The import of a package sets it in the one above, which would hide the verb.
-        if not (name in ("history", "replay") and isinstance(value, ModuleType)):
+        if not (name == "replay" and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

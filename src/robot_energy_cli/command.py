@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from inspect import signature
 from typing import Any
 
-from robot_energy_cli.numbers import number, whole
+from robot_energy.foundation.options import Option, options_of
+from robot_energy_cli.numbers import number, number_type, whole
 
 COUNT = "N"
 UNITS = {
@@ -126,6 +127,29 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
     elif metavar:
         words["metavar"] = metavar
     group.add_argument(name, help=text, **words)
+
+
+def flags(options: type, *chosen: str) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Return a table of the options of a verb that have these names, or belong to these groups."""
+    return dict(
+        _flag(name, option)
+        for name, option in options_of(options).items()
+        if {name, option.group} & {*chosen}
+    )
+
+
+def _flag(name: str, option: Option) -> tuple[str, tuple[str, dict[str, Any]]]:
+    words: dict[str, Any] = {}
+    if option.choices:
+        words = {"choices": option.choices, "type": type(option.choices[0])}
+    elif option.unit not in ("", "1"):
+        words["type"] = number_type(option.expected[2:], option.low, option.high)
+    if option.several:
+        words |= LIST if option.several == "in a row" else SEVERAL
+    if option.default is not None and option.default is not False:
+        words["default"] = option.default
+    value = option.value or (COUNT if option.unit == "1" else option.unit.upper())
+    return f"--{name.replace('_', '-')} {value}".rstrip(), (option.text, words)
 
 
 def keywords_of(verb: Callable[..., object], args: Namespace) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from robot_energy.foundation.files.output_files import (
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import Command, add_option
-from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_of
+from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_given
 from robot_energy_cli.terminal import console, progress, wrote
 
 if TYPE_CHECKING:
@@ -63,9 +63,8 @@ def _run(args: Namespace) -> int:
             args.bag,
             model,
             temperature=args.fixed_friction,
-            power_period=args.power_period,
             progress=report,
-            **options_of(args),
+            **options_given(args),
         )
     table = result.power
     data = table.to_csv().encode() if suffix == ".csv" else table.to_parquet()

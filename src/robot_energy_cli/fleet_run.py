@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import REQUIRED, Command, add_options
+from robot_energy_cli.command import REQUIRED, Command, add_options, flags
 from robot_energy_cli.numbers import positive
-from robot_energy_cli.replay_options import DAMAGED, JOBS, add_replay, options_of
+from robot_energy_cli.replay_options import DAMAGED, add_replay, options_given
 from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,
@@ -21,11 +21,12 @@ from robot_energy_cli.terminal import (
     write_json,
     wrote,
 )
+from robot_energy_fleet.options import WHERE, FleetOptions
 
 if TYPE_CHECKING:
     from robot_energy_fleet.bag_list import FleetBag, FleetModels
+    from robot_energy_fleet.fleet_run import FleetRun
     from robot_energy_fleet.results.fleet import FleetRunReport
-    from robot_energy_fleet.run import FleetRun
 
 DESCRIPTION = """\
 Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
@@ -52,11 +53,7 @@ LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 OPTIONS = {
     "--out DATASET": ("folder of the dataset", REQUIRED),
-    "--name NAME": "name of the robot in the fleet (default: that of the folder "
-    "in which a recording lies); a column 'robot' of a table overrides it",
-    "--split-files": "each MCAP file is a bag of its own, also in the folder of a split recording",
-    "--history FOLDER": "write what each robot used in each minute and job to a history as well, "
-    "for `robot-energy history`; no recorder may write to it meanwhile",
+    **flags(FleetOptions, ""),
     "--watch S": (
         "look for new bags again after this many seconds, until stopped; a bag that is still being "
         "written is replayed once it is complete",
@@ -64,14 +61,7 @@ OPTIONS = {
     ),
     **JSON_OPTION,
 }
-WHERE = {
-    "--scheduler URL": "address of a Dask scheduler, such as tcp://10.0.0.5:8786",
-    "--workers N": (
-        "processes on this host (default: one for each core; 0: in this process, one bag "
-        "after the other)",
-        {"type": int},
-    ),
-    "--memory SIZE": ("memory of each process at most (default 2GB)", {"default": "2GB"}),
+SCRATCH = {
     "--scratch GB": (
         "size up to which a bag from a URL is copied to the host that replays it (default 20)",
         {"type": positive, "default": 20.0},
@@ -82,15 +72,15 @@ WHERE = {
 def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
     add_options(parser, OPTIONS)
-    add_options(parser.add_argument_group("where it runs"), WHERE)
-    add_options(parser, JOBS)
+    add_options(parser.add_argument_group(WHERE), flags(FleetOptions, WHERE) | SCRATCH)
+    add_options(parser, flags(FleetOptions, "jobs"))
     add_replay(parser, fixed=False)
 
 
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.bag_list import FleetModels
     from robot_energy_fleet.dataset import Dataset
-    from robot_energy_fleet.run import FleetRun, open_history, run_fleet, where_asked
+    from robot_energy_fleet.fleet_run import FleetRun, open_history, run_fleet, where_asked
 
     check_outputs(args)
     models, dataset = FleetModels(), Dataset(args.out)
@@ -128,7 +118,7 @@ def _bags(args: Namespace, models: FleetModels) -> list[FleetBag]:
     from robot_energy_fleet.bag_list import list_bags
 
     model = ROBOTS[args.robot].model_or(args.model) if args.robot else args.model
-    options = options_of(args)
+    options = options_given(args)
     watched = args.watch is not None
     return list_bags(args.bags, models, model, options, args.name, args.split_files, watched)
 
@@ -177,7 +167,7 @@ def _time(seconds: float) -> str:
 
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
-    from robot_energy_fleet.run import why_refused
+    from robot_energy_fleet.fleet_run import why_refused
     from robot_energy_report.formats import counted, jobs_left_out
 
     out, time_ = console(), report.observed_time

@@ -86,9 +86,9 @@ def report(args: Namespace, folder: Path) -> int:
 
 def export(args: Namespace, folder: Path) -> int:
     """Return the exit code of writing the rows of a time for another program."""
-    from robot_energy.foundation.time_zone import time_zone
-    from robot_energy.history.outputs import WRITERS, Wanted
-    from robot_energy.history.tariffs import day_begin
+    from robot_energy_history.outputs import WRITERS, Wanted
+    from robot_energy_history.spans import zone_of
+    from robot_energy_history.tariffs import day_begin
 
     suffix = Path(args.out).suffix.lower()
     kind = args.format or next((one for one, (end, _) in KINDS.items() if end == suffix), "")
@@ -101,10 +101,7 @@ def export(args: Namespace, folder: Path) -> int:
     if kind == "parquet" and args.out == STANDARD_OUTPUT:
         raise ReportError("Parquet to the standard output", "a file")
     check_file(args.out, KINDS[kind][1], WHAT, [folder])
-    try:
-        zone = time_zone(args.timezone)
-    except ValueError as error:
-        raise HistoryError(f"time zone '{args.timezone}'", str(error)[9:]) from None
+    zone = zone_of(args.timezone)
     stop = day_of(args.stop) if args.stop else datetime.now(zone).date()
     start = day_of(args.start) if args.start else stop - timedelta(days=DAYS_AGAIN)
     wanted = Wanted(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
+from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from robot_energy_cli.command import Command, Group, add_option
 from robot_energy_cli.terminal import console, wrote
 from robot_energy_logs.log_formats import LOG_FORMATS, LogFormat
@@ -33,9 +34,9 @@ def _print(report: ImportReport) -> None:
     span = f"{(end - start) * 1e-9:.3f} s, {rate:.4g} joint states a second on average"
     wrote(out, report.bag, span)
     topics = [
-        ("/joint_states", report.joint_states),
-        ("/motor_temperatures", report.temperatures),
-        ("/power_meter", report.readings),
+        (JOINT_STATES_TOPIC, report.joint_states),
+        (TEMPERATURES_TOPIC, report.temperatures),
+        (METER_TOPIC, report.readings),
         ("/drive_power", report.drive_powers),
         ("/energy/payload", report.payloads),
     ]

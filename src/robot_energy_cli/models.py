@@ -56,7 +56,7 @@ def _run_check(args: Namespace) -> int:
 def _run_schema(args: Namespace) -> int:
     import json
 
-    from robot_energy.model.reference import json_schema, reference_page
+    from robot_energy_cli.model_reference import json_schema, reference_page
 
     text = reference_page() if args.markdown else json.dumps(json_schema(), indent=2) + "\n"
     sys.stdout.write(text)

@@ -6,7 +6,7 @@ import math
 from argparse import ArgumentTypeError
 from collections.abc import Callable
 
-MAX_NUMBER = 1e9  # larger than any figure of a robot, whatever its unit
+from robot_energy.foundation.options import MAX_NUMBER
 
 
 def number_type(

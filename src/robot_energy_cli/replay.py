@@ -6,20 +6,20 @@ import time
 from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import PageError, ReportError
 from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy_cli.command import Command, add_options
+from robot_energy.replay.options import OUTPUTS as WRITTEN
+from robot_energy.replay.options import ReplayOptions
+from robot_energy_cli.command import Command, Options, add_options, flags
 from robot_energy_cli.replay_options import (
     BAG,
     DAMAGED,
-    JOBS,
     PAGE,
-    PROCESSES,
     add_replay,
     model_named,
-    options_of,
+    options_given,
 )
 from robot_energy_cli.terminal import (
     JSON_OPTION,
@@ -63,9 +63,8 @@ examples:
 """
 
 
-OUTPUTS = {
-    "--out BAG": "write the energy topics (/energy/...) into a new bag",
-    "--overwrite": "replace the bag of --out",
+OUTPUTS: Options = {
+    **flags(ReplayOptions, WRITTEN),
     **JSON_OPTION,
     "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
     "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium is "
@@ -75,13 +74,13 @@ OUTPUTS = {
 
 def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bag", help=BAG)
-    add_options(parser, PROCESSES)
+    add_options(parser, flags(ReplayOptions, "processes"))
     add_options(parser.add_argument_group("outputs"), OUTPUTS)
     add_options(parser.add_argument_group("energy page"), PAGE)
-    add_options(parser, JOBS)
+    add_options(parser, flags(ReplayOptions, "jobs"))
     add_replay(
         parser,
-        "averaging period of /energy/power (default 0.02 s)",
+        "",
         "run a second time with friction fixed at this temperature (default: the model's "
         "fallback temperature) and compare both",
     )
@@ -134,12 +133,12 @@ def _replay(
     shown: tuple[RecordedPage | None, TemperatureHistory] | None,
 ) -> Replay:
     """Replay; the first run, which is shown, also writes the bag."""
-    from robot_energy.replay.api import run_replay
+    from robot_energy.replay.bag_replay import replay
+    from robot_energy.replay.setup import ReplaySetup
 
-    options: dict[str, Any] = options_of(args) | {
-        "out": args.out if shown is not None else None,
-        "overwrite": args.overwrite,
-    }
+    options = options_given(args)
+    if shown is not None:
+        options |= {"out": args.out, "overwrite": args.overwrite}
     page, temperatures = shown or (None, None)
 
     def take(output: Output) -> None:
@@ -148,16 +147,13 @@ def _replay(
         if temperatures is not None:
             temperatures.take(output)
 
-    period = args.power_period
-    if period is None and args.out is None and page is not None:
-        period = page.period
+    if args.power_period is None and args.out is None and page is not None:
+        options["power_period"] = page.period
     keep_freed_memory()
     with progress("replaying" if shown is not None else "with fixed friction") as show:
-        options["progress"] = show
+        setup = ReplaySetup.of(options | {"progress": show})
         curves = args.plot is not None or args.report is not None
-        return run_replay(
-            args.bag, model, power_period=period, keep_curves=curves, on_output=take, **options
-        )
+        return replay(args.bag, model, setup, on_output=take, keep_curves=curves)
 
 
 def _explained(args: Namespace, report: ReplayReport, model: RobotModel) -> ReplayReport:

@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy_cli.command import Command, add_option, add_options
+from robot_energy.replay.options import ReplayOptions
+from robot_energy_cli.command import Command, add_option, add_options, flags
 from robot_energy_cli.replay_options import (
     BAG,
     DAMAGED,
-    JOBS,
     PAGE_SETTINGS,
     add_replay,
     model_named,
-    options_of,
+    options_given,
 )
 from robot_energy_cli.terminal import check_report, console, progress, sign, wrote
 
@@ -48,7 +48,7 @@ def _options(parser: ArgumentParser) -> None:
         required=True,
     )
     add_replay(parser)
-    add_options(parser, {**PAGE_SETTINGS, **JOBS})
+    add_options(parser, {**PAGE_SETTINGS, **flags(ReplayOptions, "jobs")})
 
 
 def _run(args: Namespace) -> int:
@@ -95,7 +95,9 @@ def _run(args: Namespace) -> int:
 
 def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bool]:
     from robot_energy.model import load
-    from robot_energy.replay.api import fixed_friction, run_replay
+    from robot_energy.replay.api import fixed_friction
+    from robot_energy.replay.bag_replay import replay
+    from robot_energy.replay.setup import ReplaySetup
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
     from robot_energy_report.replay_figures import TemperatureHistory
@@ -107,14 +109,8 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     keep_freed_memory()
     temperatures = TemperatureHistory(model.joint_names)
     with progress(f"replaying {Path(bag).name}") as show:
-        result = run_replay(
-            bag,
-            model,
-            keep_curves=True,
-            progress=show,
-            on_output=temperatures.take,
-            **options_of(args),
-        )
+        setup = ReplaySetup.of(options_given(args) | {"progress": show})
+        result = replay(bag, model, setup, on_output=temperatures.take, keep_curves=True)
     curves = ReplayCurves(curves_of([result], [change]), temperatures)
     return replay_report(result, change), curves, bool(result.problems)
 

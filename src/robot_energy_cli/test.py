@@ -16,7 +16,7 @@ from robot_energy_cli.replay_options import (
     DAMAGED,
     add_replay,
     model_named,
-    options_of,
+    options_given,
 )
 from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
 
@@ -85,7 +85,7 @@ def _evaluated(
 ) -> EvaluationReport:
     from robot_energy_identify.api.evaluate import evaluate
 
-    options = options_of(args)
+    options = options_given(args)
     options["effort"] = options["effort"] or effort
     compare = AT_FALLBACK if args.compare is None else args.compare
     with progress("testing") as show:

@@ -7,34 +7,38 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from robot_energy import __version__
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
+from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.bags import BagReadings
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.registers import RegistersWriter
 from robot_energy.model import RobotModel
-from robot_energy.replay.api import run_replay
-from robot_energy.replay.bag_replay import Replay
+from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import Phase
 from robot_energy_fleet.bag_list import FleetBag
-from robot_energy_fleet.bag_minutes import BagMinutes, history_job
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.dataset_columns import JOINT_REGISTERS, SCHEMA, TABLES
+from robot_energy_fleet.dataset_columns import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_history.bags import BagReadings
+from robot_energy_history.readings import Reading, ReadingDecoder
 
 Row = dict[str, Any]
 
@@ -143,7 +147,7 @@ def _hash_of(path: Path, place: BagPlace) -> str:
 
 
 def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path) -> BagRow:
-    options: Row = dict(bag.options)
+    options: Any = dict(bag.options)
     for name, text in bag.texts.items():
         file = scratch / f"{name}.yaml"
         file.write_text(text, encoding="utf-8")
@@ -157,13 +161,14 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
             taker(output)
 
     read = None if minutes is None else minutes.take
-    result = run_replay(path, model, on_output=take, keep_compared=True, on_reading=read, **options)
+    setup = ReplaySetup.of(options)
+    result = replay(path, model, setup, on_output=take, on_reading=read, keep_compared=True)
     report, totals = replay_report(result), result.account.totals()
-    rows = joints.table(result.pipeline.power.condition.wear)
+    rows = joints.table(result.pipeline.condition.wear)
     start_ns = report.time.start_ns
     day = UNKNOWN_DATE
     if start_ns is not None:
-        day = f"{datetime.fromtimestamp(start_ns // 1_000_000_000, UTC):%Y-%m-%d}"
+        day = f"{local_time(start_ns):%Y-%m-%d}"
     listed = list(_jobs(result, report))
     row = {
         **_common(bag, bag_hash),
@@ -181,7 +186,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     sealed = _sealed(bag, bag.name, row, day, report.time.observed_time)
     if minutes is None:
         return sealed
-    jobs = tuple(history_job(place, one) for place, one in enumerate(listed))
+    jobs = tuple(_history_job(place, one) for place, one in enumerate(listed))
     return replace(sealed, history=BagReadings(bag.robot, bag.name, minutes.readings(), jobs))
 
 
@@ -283,7 +288,7 @@ def _left_out(jobs: Path | None, result: Replay, report: ReplayReport) -> int:
 def _joints(totals: Totals) -> Iterator[Row]:
     registers = totals.joint_energy_microjoule
     for joint in range(len(totals.shaft_compared_ns)):
-        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_REGISTERS}
+        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_ENERGIES}
 
 
 def _mean_degc(joints: list[Row]) -> float | None:
@@ -313,3 +318,48 @@ def _fitting(row: Row) -> Row:
     for name, columns in TABLES.items():
         found[name] = [{column: one.get(column) for column in columns} for one in row.get(name, [])]
     return found
+
+
+class BagMinutes:
+    """Collects the registers of a replay, in the messages that a monitor would publish."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self._writer = RegistersWriter(
+            model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled
+        )
+        self._messages: list[bytes] = []
+
+    def take(self, account: EnergyAccount, minute_ns: int) -> None:
+        """Take the registers as they stand.
+
+        Args:
+            minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
+        """
+        row = self._writer.encode(account, True, minute_ns)
+        if row is not None:
+            self._messages.append(row[0].tobytes())
+
+    def readings(self) -> tuple[Reading, ...]:
+        """Return all of them, in order."""
+        batch = RawBatch.from_messages(
+            "energy/registers", ENERGY_REGISTERS, [0] * len(self._messages), self._messages
+        )
+        return tuple(ReadingDecoder().decode(batch)) if self._messages else ()
+
+
+def _history_job(number: int, job: dict[str, Any]) -> dict[str, Any]:
+    """Return a job of a bag as the history has it."""
+    return {
+        "id": number,
+        "start": job["start_ns"],
+        "stop": job["end_ns"],
+        "name": job["name"],
+        "observed_ns": job["observed_ns"],
+        "gap_ns": job["gap_ns"],
+        "compared_ns": job["compared_ns"],
+        "predicted_import_microjoule": job["grid_import_microjoule"],
+        "predicted_return_microjoule": job["grid_return_microjoule"],
+        "measured_microjoule": job["measured_microjoule"] or 0,
+        "predicted_microjoule_at_meter": job["predicted_at_meter_microjoule"] or 0,
+        "peak_power": job["peak_grid_power"],
+    }

@@ -12,9 +12,9 @@ from robot_energy.foundation.units import HOUR_NS, SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
-from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
+from robot_energy_plan.consecutive import ConsecutiveBlocks
 
 SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
 OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(len(SUMS))
@@ -107,7 +107,7 @@ class MeterErrors:
         pieces = Compared.concatenate(list(compared))
         stamps, degc = np.concatenate(self._stamps), np.concatenate(self._degc)
         order = np.argsort(stamps, kind="stable")  # stamps may jump back
-        place = np.searchsorted(stamps[order], pieces.available_ns, side="right") - 1
+        place = np.searchsorted(stamps[order], pieces.stamp_ns, side="right") - 1
         warm = degc[order][np.maximum(place, 0)]
         used = np.isfinite(warm) & (pieces.duration_ns > 0)
         number = np.floor(warm[used] / BIN).astype(np.int64)

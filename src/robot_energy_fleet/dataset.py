@@ -27,11 +27,12 @@ from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.files.output_files import GENERATOR, PARQUET, write_file
 from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.foundation.shown_text import shown
+from robot_energy.foundation.units import MICROJOULE
+from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_fleet.dataset_columns import RUNS, SCHEMA, TABLES
 from robot_energy_fleet.history_tables import history_tables, is_history
 from robot_energy_fleet.tables import SCHEMAS, FleetTables
 
-PER_JOULE, PER_SECOND = 1e-6, 1e-9
 PACKED = "rows-"  # begin of the names of files with many rows
 LOCK = ".lock"
 CONTENT = "content"  # column by which copies of a bag are found
@@ -318,12 +319,12 @@ def read_tables(folder: str | Path) -> FleetTables:
     rows = collected(rows, folder).with_columns(pl.col("model_id").fill_null(""))
 
     def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
-        more = [(pl.col(f"{f}_microjoule") * PER_JOULE).alias(t) for t, f in energy.items()
+        more = [(pl.col(f"{f}_microjoule") * MICROJOULE).alias(t) for t, f in energy.items()
                 if f"{f}_microjoule" in table.columns]  # fmt: skip
-        more += [(pl.col(f) * PER_SECOND).alias(t) for t, f in time.items() if f in table.columns]
+        more += [(pl.col(f) * NANOSECOND).alias(t) for t, f in time.items() if f in table.columns]
         if name == "jobs":
             net = pl.col("grid_import_microjoule") - pl.col("grid_return_microjoule")
-            more.append((net * PER_JOULE).alias("energy"))
+            more.append((net * MICROJOULE).alias("energy"))
         schema = pl.Schema(SCHEMAS[name])
         return table.with_columns(more).select(
             pl.col(column).cast(kind) for column, kind in schema.items()

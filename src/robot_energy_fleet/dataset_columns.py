@@ -7,16 +7,12 @@ from typing import NamedTuple
 
 import polars as pl
 
-from robot_energy.accounting.registers import CABINET_REGISTERS
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.timeline.blocks import Phase
 from robot_energy_fleet.tables import SCHEMAS
 
 INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
-JOINT_REGISTERS = (
-    "shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss",
-    "shaft_measured_positive", "shaft_measured_negative",
-    "shaft_predicted_positive", "shaft_predicted_negative",
-)  # fmt: skip
+JOINT_ENERGIES = (*JOINT_REGISTERS, *(f"shaft_{name}" for name in SHAFT_REGISTERS))
 
 
 class TableColumn(NamedTuple):
@@ -115,7 +111,7 @@ def _described(table: str, texts: Mapping[str, tuple[str, str]]) -> Columns:
 
 
 HOURS = _described("hours", _HOURS)
-JOINTS = _described("joints", _SUMS) | _integers(JOINT_REGISTERS, "microjoule", "uJ", "register {}")
+JOINTS = _described("joints", _SUMS) | _integers(JOINT_ENERGIES, "microjoule", "uJ", "register {}")
 METER_ERRORS: Columns = {
     "degc": TableColumn(FLOAT, "degC", "middle of the bin of the mean motor temperature"),
     "compared_ns": TableColumn(INTEGER, "ns", "time compared"),

@@ -5,15 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from robot_energy.foundation.units import HOUR_NS, SECOND_NS
-from robot_energy.history.files import reader
-from robot_energy.history.readings import COLUMNS
-from robot_energy.history.rollup import Rolled
-from robot_energy.history.rows import reading_from
-from robot_energy.history.schema import FILE
+from robot_energy.foundation.units import HOUR_NS, MICROJOULE, SECOND_NS
 from robot_energy_fleet.tables import FleetTables, Rows, tables_of
+from robot_energy_history.files import reader
+from robot_energy_history.readings import COLUMNS
+from robot_energy_history.rollup import Rolled
+from robot_energy_history.rows import reading_from
+from robot_energy_history.schema import FILE
 
-PER_JOULE = 1e-6
 ENERGIES = {
     "grid_energy": "predicted_import_microjoule",
     "brake_energy": "brake_microjoule",
@@ -56,7 +55,7 @@ def history_tables(folder: str | Path) -> FleetTables:
                     "start_ns": first.stamp_ns, "end_ns": last.stamp_ns, "jobs_left_out": 0,
                     "observed_time": used["observed_ns"] / SECOND_NS,
                     **{
-                        name: used[column] * PER_JOULE
+                        name: used[column] * MICROJOULE
                         if compared or name in ("grid_energy", "brake_energy")
                         else None
                         for name, column in ENERGIES.items()
@@ -66,8 +65,8 @@ def history_tables(folder: str | Path) -> FleetTables:
         rows["hours"] = [
             {
                 **keys[epoch], "hour_ns": hour, "observed_time": observed / SECOND_NS,
-                "motion_time": (observed - held) / SECOND_NS, "grid_energy": used * PER_JOULE,
-                "standby_time": standby_ns / SECOND_NS, "standby_energy": standby * PER_JOULE,
+                "motion_time": (observed - held) / SECOND_NS, "grid_energy": used * MICROJOULE,
+                "standby_time": standby_ns / SECOND_NS, "standby_energy": standby * MICROJOULE,
             }
             for epoch, hour, observed, held, used, standby_ns, standby in connection.execute(
                 f"SELECT epoch, start / {HOUR_NS} * {HOUR_NS} AS hour, sum(observed_ns), "
@@ -94,10 +93,12 @@ def history_tables(folder: str | Path) -> FleetTables:
                 {
                     **key, "name": job["name"], "start_ns": job["start"], "end_ns": job["stop"],
                     "time": job["observed_ns"] / SECOND_NS, "gap_time": job["gap_ns"] / SECOND_NS,
-                    "energy": net * PER_JOULE,
-                    "measured_energy": job["measured_microjoule"] * PER_JOULE if compared else None,
+                    "energy": net * MICROJOULE,
+                    "measured_energy": (
+                        job["measured_microjoule"] * MICROJOULE if compared else None
+                    ),
                     "predicted_energy_at_meter": (
-                        job["predicted_microjoule_at_meter"] * PER_JOULE if compared else None
+                        job["predicted_microjoule_at_meter"] * MICROJOULE if compared else None
                     ),
                 }
             )  # fmt: skip

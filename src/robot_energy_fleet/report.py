@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from datetime import UTC, datetime
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import polars as pl
 
-from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
-from robot_energy_fleet.findings import RobotsCompared, compare, ordered
+from robot_energy_fleet.findings import compare, ordered
 from robot_energy_fleet.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -37,8 +37,9 @@ DEGC_STEP = 10.0  # of the table of the model's error [K]
 CURVE_STEP = 5.0  # of the curves of friction [K]
 MIN_ROBOTS = 3  # that make a middle and a range
 RANGE = (0.1, 0.9)
-WEEK_NS = 7 * 86_400_000_000_000
+WEEK_NS = 7 * DAY_NS
 UNPLACED = 1e-6  # share of the energy beyond which that of no hour is said
+R = TypeVar("R", RobotEnergy, ProgrammeEnergy, ModelError)
 SHIFTS = (6, 14, 22)  # hours at which a shift begins, where nothing else is said
 
 
@@ -71,7 +72,11 @@ def fleet_report(
         bags = bag_joints(own, sisters)
         compared = compare(own, bags, duty_of(own.hours, sisters), len(models))
         findings += compared.findings
-        friction += _curves(bags, compared)
+        friction += [
+            _curve(bags, joint, own, compared.findings)
+            for joint, own in enumerate(compared.friction)
+            if np.isfinite(own.rest).any()  # else too little motion in each bag
+        ]
         comparisons = max(comparisons, compared.comparisons)
         with_sisters |= compared.with_sisters
         with_before |= compared.with_before
@@ -176,13 +181,19 @@ def _parts_of_hour(
     zone = ZoneInfo(settings.timezone)
     parts: list[tuple[int, int, float | None, int]] = []
     for first, last in pairwise(settings.edges(hour_ns, hour_ns + HOUR_NS)):
-        local = datetime.fromtimestamp(first // 10**9, UTC).astimezone(zone)
+        local = local_time(first, zone)
         shift = (sum(local.hour >= one for one in shifts) - 1) % len(shifts)
         holds = settings.price_at(first), shift
         if parts and parts[-1][2:] == holds:
             first = parts.pop()[0]
         parts.append((first, last, *holds))
     return parts
+
+
+def _results(kind: type[R], rows: pl.DataFrame) -> tuple[R, ...]:
+    """Rows as results of a kind, whose fields are their columns."""
+    names = [one.name for one in fields(kind)]
+    return tuple(kind(**row) for row in rows.select(names).iter_rows(named=True))
 
 
 def _sum_known(name: str) -> pl.Expr:
@@ -212,8 +223,7 @@ def _robots(
         .with_columns(error=pl.col("predicted_energy_at_meter") / pl.col("measured_energy") - 1.0)
         .sort("robot")
     )
-    names = [one.name for one in fields(RobotEnergy)]
-    return tuple(RobotEnergy(**row) for row in rows.select(names).iter_rows(named=True))
+    return _results(RobotEnergy, rows)
 
 
 def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
@@ -241,8 +251,7 @@ def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
         )
         .sort("jobs", "name", descending=[True, False])
     )
-    names = [one.name for one in fields(ProgrammeEnergy)]
-    return tuple(ProgrammeEnergy(**row) for row in rows.select(names).iter_rows(named=True))
+    return _results(ProgrammeEnergy, rows)
 
 
 def _shifts(hours: pl.DataFrame, shifts: Sequence[int]) -> tuple[ShiftEnergy, ...]:
@@ -273,13 +282,8 @@ def _model_errors(read: pl.DataFrame) -> tuple[ModelError, ...]:
         error.quantile(RANGE[0], "linear").alias("low"),
         error.quantile(RANGE[1], "linear").alias("high"),
     )
-    return tuple(
-        ModelError(
-            row["low_degc"], row["low_degc"] + DEGC_STEP, row["bags"], row["error"], row["low"],
-            row["high"],
-        )
-        for row in rows.sort("low_degc").iter_rows(named=True)
-    )  # fmt: skip
+    upper = (pl.col("low_degc") + DEGC_STEP).alias("high_degc")
+    return _results(ModelError, rows.sort("low_degc").with_columns(upper))
 
 
 def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
@@ -289,14 +293,6 @@ def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
     )
     share = {robot: motion / time if time else 0.0 for robot, motion, time in sums.iter_rows()}
     return [share.get(robot, 0.0) for robot in robots]
-
-
-def _curves(bags: BagJoints, compared: RobotsCompared) -> list[FrictionCurve]:
-    return [
-        _curve(bags, joint, own, compared.findings)
-        for joint, own in enumerate(compared.friction)
-        if np.isfinite(own.rest).any()  # else too little motion in each bag
-    ]
 
 
 def _curve(
@@ -315,9 +311,9 @@ def _curve(
     weeks = np.unique(week)
     usual = np.exp(own.rest - np.nanmedian(own.rest)) * np.nanmedian(multiplier)
     by_week = _medians(usual, bags.robot, week, weeks, len(bags.robots))
-    low, middle, high = (_across(by_degc, share) for share in (RANGE[0], 0.5, RANGE[1]))
-    week_low, week_middle, week_high = (
-        _across(by_week, share) for share in (RANGE[0], 0.5, RANGE[1])
+    (low, middle, high), (week_low, week_middle, week_high) = (
+        [_across(values, share) for share in (RANGE[0], 0.5, RANGE[1])]
+        for values in (by_degc, by_week)
     )
     first_ns = int(bags.stamp_ns.min())
     return FrictionCurve(

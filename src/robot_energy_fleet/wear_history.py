@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from robot_energy.certainty.band import MEDIAN_TO_STD
-from robot_energy.condition.drift_test import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
+from robot_energy.condition.drift import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear_records import WearRecord
 from robot_energy.foundation.units import HOUR_NS
 

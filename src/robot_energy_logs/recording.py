@@ -19,22 +19,20 @@ from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.temperatures.kinds import FLOAT_ARRAY, MOTOR_TEMPERATURES
+from robot_energy.messages.fields import (
+    DRIVE_POWER_TOPIC,
+    JOINT_STATES_TOPIC,
+    METER_TOPIC,
+    TEMPERATURES_TOPIC,
+)
+from robot_energy.messages.payload import FIELDS, PAYLOAD
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
-from robot_energy.timeline.gaps import MAX_GAP_NS, MIN_PERIOD_NS
-from robot_energy.timeline.stamps import BAD_STAMP, MIN_STAMP_NS
+from robot_energy.timeline.stamps import BAD_STAMP, MAX_GAP_NS, MIN_PERIOD_NS, MIN_STAMP_NS
 from robot_energy_logs.cells import number_remedy
 from robot_energy_logs.instants import time_remedy
 
-JOINT_STATES_TOPIC = "/joint_states"
-TEMPERATURES_TOPIC = "/motor_temperatures"
-METER_TOPIC = "/power_meter"
-DRIVE_POWER_TOPIC = "/drive_power"
-PAYLOAD_TOPIC, PAYLOAD = "/energy/payload", "ros2_energy_msgs/msg/Payload"
-BODY = tuple(
-    f"inertia.{key}"
-    for key in ("m", "com.x", "com.y", "com.z", "ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-)
-"""Fields of a message, in the order of the figures of a payload."""
+PAYLOAD_TOPIC = "/energy/payload"
+BODY = FIELDS[1:]  # fields of a message, in the order of the figures of a payload
 NO_TIMES = (
     "check the unit of time, and give the start of the recording where its times count from zero"
 )

@@ -2,8 +2,8 @@
 
 A text is cut into lines and cells here, not by the CSV reader of polars: that one leaves out
 blank lines and fills up short rows, and then nobody can say which row was refused and why. It
-reads what has neither, up to the first part of a file in which a cell does not hold a number, or a
-row has other than as many cells as the header.
+reads what has neither, up to the first part of a file in which a cell does not hold a number or a
+row has more or fewer cells than the header.
 """
 
 from __future__ import annotations

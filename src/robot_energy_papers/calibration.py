@@ -11,8 +11,8 @@ import numpy as np
 
 from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
-from robot_energy_papers.experiment import FIRST_SEED, MIN_HEIGHT, SEED_STEP, TOOL
-from robot_energy_plan.motion import random_program, tool_above
+from robot_energy_papers.experiment import FIRST_SEED, SEED_STEP, allowed
+from robot_energy_plan.motion import random_program
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_rig.plant import PlantDrives
 from robot_energy_rig.record import outputs
@@ -140,9 +140,7 @@ def random_poses(profile: PlantProfile, seed: int, share: float = POSE_SHARE) ->
     Args:
         share: Of every joint range that they span. [-]
     """
-    robot, _ = profile.mechanics()
-    limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, MIN_HEIGHT)
+    limits, above = allowed(profile)
     generator = np.random.default_rng(seed)
     drawn: list[Float] = []
     while len(drawn) < POSES:
@@ -163,9 +161,7 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
     """
     if programs < 1:
         raise RigError(f"{programs} programs were asked for", "at least 1")
-    robot, _ = profile.mechanics()
-    limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, MIN_HEIGHT)
+    limits, above = allowed(profile)
     first = FIRST_SEED + SEED_STEP * seed
     mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))
     flows: dict[float, dict[str, float]] = {}

@@ -254,7 +254,8 @@ def bars(
         axes = figure.subplots()
         for index, (name, values) in enumerate(series.items()):
             at = place + (index - 0.5 * (len(series) - 1)) * width
-            shown = axes.bar(at, values, 0.92 * width, label=name, color=SERIES[index])
+            colour = COLOURS.get(name, SERIES[index])
+            shown = axes.bar(at, values, 0.92 * width, label=name, color=colour)
             for text in axes.bar_label(shown, fmt="%.0f", fontsize=7, padding=1):
                 text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
                 text.set_zorder(5)
@@ -292,8 +293,10 @@ def stacked(
         for index, (name, values) in enumerate(parts.items()):
             axes.barh(place, values, 0.55, left=left, label=name, color=SERIES[index])
             left = left + np.asarray(values)
-        for y, total in zip(place, left, strict=True):
-            axes.text(total, y, f" {total:.0f}", va="center", fontsize=8)
+        ends = np.vstack([left, *marks.values()]).max(axis=0)  # no text on a mark beyond the bar
+        for y, end, total in zip(place, ends, left, strict=True):
+            axes.annotate(f"{total:.0f}", (end, y), (6.0, 0.0), textcoords="offset points",
+                          va="center", fontsize=8)  # fmt: skip
         for (name, values), shape in zip(marks.items(), "dox", strict=False):
             axes.plot(
                 values, place, shape, color=COLOURS["measured"], label=name, markersize=5,

@@ -8,6 +8,7 @@ start at one temperature; fast, and kinder to the model.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from collections.abc import Sequence as Row
 from dataclasses import dataclass
 from pathlib import Path
@@ -110,11 +111,15 @@ class Plan:
     ambient_degc: float = 20.0
 
 
+def allowed(profile: PlantProfile) -> tuple[MotionLimits, Callable[[Float], bool]]:
+    """Return the limits of motions, and whether the tool is above the floor in a pose."""
+    robot, _ = profile.mechanics()
+    return profile.motion_limits(robot), tool_above(robot, TOOL, MIN_HEIGHT)
+
+
 def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Programs:
     """Return all programs of a study."""
-    robot, _ = profile.mechanics()
-    limits = profile.motion_limits(robot)
-    above = tool_above(robot, TOOL, MIN_HEIGHT)
+    limits, above = allowed(profile)
     first = FIRST_SEED + SEED_STEP * seed
 
     def measured(program: Program) -> Program:
@@ -160,7 +165,7 @@ def by_motion(
     parts: list[tuple[JointMotion, float]] = [] if hold is None else [(hold, hold.period)]
     parts += [(motion_set, motion_set.period), (warm_up, float(heat))] * plan.cycles
     if plan.cool_cycles:
-        rest = Program(motion_set.via[:1], _limits(profile), REST)
+        rest = Program(motion_set.via[:1], allowed(profile)[0], REST)
         parts += [(rest, REST), (motion_set, motion_set.period)] * plan.cool_cycles
     sequence = Sequence(parts)
     rig = VirtualRig(profile, sequence, config, seed, plan.start_degc, plan.ambient_degc)
@@ -218,8 +223,3 @@ def soaked(
         made = record(rig, motion_set.period, path, overwrite=True)
         sets.append(MotionSet(made, 0.0, "soaked"))
     return sets
-
-
-def _limits(profile: PlantProfile) -> MotionLimits:
-    robot, _ = profile.mechanics()
-    return profile.motion_limits(robot)

@@ -7,12 +7,13 @@ One layer is played on the virtual rigs as well, whose friction and losses are o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from robot_energy.inputs.joint_states.decode import joint_block
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -24,12 +25,12 @@ from robot_energy_plan.motion import InverseKinematics, Trajectory
 from robot_energy_plan.motion.gcode import read_gcode
 from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
 from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy_plan.prediction import START_NS
 from robot_energy_rig import RigOutput, VirtualRig, load_profile
 from robot_energy_rig.record import outputs
 
 QUARTER = 0.5 * np.pi
 MOTOR_DEGC = 25.0
-START_NS = 1_000_000_000  # stamps of 0 mean that there is none
 ARM = "irb4600"
 PARTS = {
     "friction": "friction",
@@ -136,14 +137,13 @@ class Energies:
 
     def __add__(self, other: Energies) -> Energies:
         """Return the sum of two time spans."""
+        sums = {
+            name: value + getattr(other, name)
+            for name, value in vars(self).items()
+            if name != "parts"
+        }
         return Energies(
-            self.duration + other.duration,
-            self.net + other.net,
-            self.positive + other.positive,
-            self.absolute + other.absolute,
-            self.electrical + other.electrical,
-            {key: self.parts[key] + other.parts[key] for key in self.parts},
-            self.cabinet + other.cabinet,
+            **sums, parts={key: self.parts[key] + other.parts[key] for key in self.parts}
         )
 
     @property
@@ -285,12 +285,6 @@ def _keep(powers: list[PowerBlock], output: Output) -> None:
 
 
 def _block(time: Float, path: Trajectory) -> JointBlock:
-    return JointBlock(
-        START_NS + np.rint(time * 1e9).astype(np.int64),
-        np.zeros(len(time), dtype=np.int64),
-        np.zeros(len(time), dtype=np.uint32),
-        path.joint_position,
-        path.joint_velocity,
-        path.joint_acceleration,
-        np.full_like(path.joint_position, np.nan),
-    )
+    stamp = START_NS + np.rint(time * 1e9).astype(np.int64)
+    block = joint_block(stamp, path.joint_position, path.joint_velocity)
+    return replace(block, joint_acceleration=path.joint_acceleration)

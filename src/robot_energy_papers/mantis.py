@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float
 from robot_energy_identify.data.recordings import Recording, read_recording
@@ -24,6 +25,7 @@ from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, 
 from robot_energy_identify.dynamics.torque_model import standard_columns
 from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy_identify.excitation.limits import ExcitationLimits
+from robot_energy_papers.experiment import LEAD
 from robot_energy_plan.motion import (
     FourierBasis,
     FourierMotion,
@@ -31,13 +33,12 @@ from robot_energy_plan.motion import (
     Trajectory,
 )
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy_rig.record import DRIVE_POWER, record
+from robot_energy_rig.record import record
 
 RATE = 500.0  # Hz; paper B samples at 2.5 kHz, which changes nothing at these speeds
 HARMONICS, PERIOD = 5, 20.0  # of the Fourier series; paper B: five, "20 Hz" (see decision 0042)
 START_DEGC = 25.0
 SIGN_VELOCITY = 2e-3  # rad/s of the smooth sign; paper B has a plain one, joints print at 0.05
-LEAD = 1.2  # s at rest, until thermometers (1 Hz) and derivative filter have begun
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ def recorded(
 def read_run(path: Path, model: RobotModel) -> PrintRun:
     """Return a recorded run, read back with a model."""
     recording = read_recording(path, model, EffortMeaning.MOTOR_TORQUE)
-    power = DrivePowerTopics((DRIVE_POWER,)).read(path, model.joint_names)
+    power = DrivePowerTopics((DRIVE_POWER_TOPIC,)).read(path, model.joint_names)
     stamp = recording.torque.stamp_ns
     lead = round(LEAD / NANOSECOND)
     return PrintRun(recording, power, int(stamp[0]) + lead, int(stamp[-1]) - lead)

@@ -36,7 +36,7 @@ RUN = "wall"
 PLANT = ("resistance", "friction", "torque_noise")
 IN_BOTH_FORMS = ("held", "cutoff")
 HELD = OpenFigure(
-    "held", "joint 1: 0 moves, 1 is held", "", 0.0, 0.0, 1.0,
+    "held", "joint 1 (0: moves, 1: held)", "", 0.0, 0.0, 1.0,
     "the paper prints in both configurations and does not say which this accuracy is of",
     switch=True,
 )  # fmt: skip

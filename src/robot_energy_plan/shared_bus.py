@@ -11,9 +11,9 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest
-from robot_energy.physics.shared_bus import BusExchange, exchange
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_plan.bus_exchange import BusExchange, exchange
 from robot_energy_plan.motion.planned import STEP, PlannedMotion
 from robot_energy_plan.optimization.deviations import DeviationSums
 from robot_energy_plan.optimization.levelling import Levelling, drawn, level_starts, samples_of
@@ -130,7 +130,7 @@ def planned_robot(
         degc: Of all motors, or of each, shape (n,). [degC]
     """
     robot = BusRobot(name, model)
-    found = predict(model, motion, degc, name, repeat, on_output=robot.take)
+    found = predict(model, motion, degc, name, repeat=repeat, on_output=robot.take)
     robot.notes += found.notes
     robot.problems += found.limits.sentences()
     return robot

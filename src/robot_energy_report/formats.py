@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from datetime import UTC, datetime
 
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
 from robot_energy_report.page.energy_flow import rounded_parts
 
 NOTHING = "-"
 MAX_PLAIN = 1e9  # greater numbers have an exponent
+PROSE = 24  # characters: a longer cell is prose, which reads from the left
 SMALL = 1e-3  # below it figures with a standard deviation have a power of ten
 RAISED = str.maketrans(
     "0123456789+-", "\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079\u207a\u207b"
@@ -203,7 +204,7 @@ def utc(stamp_ns: int | None, form: str = "%F %R") -> str:
     """
     if stamp_ns is None:
         return NOTHING
-    return f"{datetime.fromtimestamp(stamp_ns // 10**9, UTC):{form}}"
+    return f"{local_time(stamp_ns):{form}}"
 
 
 def uncertain(value: float, std: float) -> str:

@@ -26,7 +26,7 @@ from robot_energy_report.document import (
     Text,
     Tiles,
 )
-from robot_energy_report.formats import number, percent, typeset
+from robot_energy_report.formats import PROSE, number, percent, typeset
 from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
@@ -34,7 +34,6 @@ from robot_energy_report.page.saved_page import inline_parts
 from robot_energy_report.page.terms import TERMS, with_hints
 
 NUMBER = ' class="n"'
-PROSE = 24  # characters from which a cell is read as a sentence
 MARK = (
     '<svg class="mark" viewBox="0 0 32 32" aria-hidden="true">'
     '<path d="M18 3 7 18h8l-1 11 11-15h-8z"/></svg>'

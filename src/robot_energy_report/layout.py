@@ -17,7 +17,8 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-PROSE = 24  # characters: a longer cell is prose, which reads from the left
+from robot_energy_report.formats import PROSE
+
 MIN_PROSE_WIDTH = 30  # characters, below which a column of prose is a block of its own
 EDGES = 2  # characters left and right of all columns
 BETWEEN = 2  # characters between two columns

@@ -11,6 +11,7 @@ from robot_energy.results.energy import EnergyBreakdown
 from robot_energy_plan.prediction import START_NS, Prediction
 from robot_energy_report.canvas import PART_COLOURS, SERIES, Axes, Target, canvas, named_ticks
 from robot_energy_report.energy import scale_of
+from robot_energy_report.replay_figures import MAX_TIME_IN_SECONDS, MINUTE
 
 PARTS = {  # name, parts of the energy, and its colour
     "lifting, accelerating (net)": (("rigid",), "motion"),
@@ -19,7 +20,6 @@ PARTS = {  # name, parts of the energy, and its colour
     "constant losses": (("loss_dc", "loss_grid"), "cabinet"),
     "brake, capacitor": (("brake", "capacitor"), "brake"),
 }
-MINUTE, MAX_TIME_IN_SECONDS = 60.0, 600.0  # s
 BAR = 0.45  # inch per run
 LETTERS = 78  # of a legend side by side
 DASHES = ("-", "--", ":", "-.")  # when the colours begin again

@@ -16,21 +16,23 @@ from numpy.typing import NDArray
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.bag.cdr import Encoder, stamp_columns
 from robot_energy.foundation.errors import RigError
+from robot_energy.messages.fields import (
+    DRIVE_POWER_TOPIC,
+    JOINT_STATES_TOPIC,
+    METER_TOPIC,
+    TEMPERATURES_TOPIC,
+)
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, TemperatureBlock
 from robot_energy_rig.auxiliary import LoadRecord, auxiliary_loads
 from robot_energy_rig.output import RigJoints, RigOutput
 from robot_energy_rig.virtual_rig import VirtualRig
 
-JOINT_STATES = "/joint_states"
-MOTOR_TEMPERATURES = "/motor_temperatures"
-POWER_METER = "/power_meter"
-DRIVE_POWER = "/drive_power"
 READING, STATE = "ros2_energy_msgs/msg/PowerReading", "std_msgs/msg/UInt8"
 TYPES = {
-    JOINT_STATES: "sensor_msgs/msg/JointState",
-    MOTOR_TEMPERATURES: "ros2_energy_msgs/msg/MotorTemperatures",
-    POWER_METER: READING,
-    DRIVE_POWER: "std_msgs/msg/Float64MultiArray",
+    JOINT_STATES_TOPIC: "sensor_msgs/msg/JointState",
+    TEMPERATURES_TOPIC: "ros2_energy_msgs/msg/MotorTemperatures",
+    METER_TOPIC: READING,
+    DRIVE_POWER_TOPIC: "std_msgs/msg/Float64MultiArray",
 }
 Message = tuple[int, str, bytes]  # log time [ns], topic, content
 
@@ -72,19 +74,19 @@ class RigEncoder:
         n_joints = len(joint_names)
         self._names = tuple(joint_names)
         self._joints = Encoder(
-            TYPES[JOINT_STATES],
+            TYPES[JOINT_STATES_TOPIC],
             {"name": self._names},
             {"position": n_joints, "velocity": n_joints, "effort": n_joints},
         )
         self._temperatures = Encoder(
-            TYPES[MOTOR_TEMPERATURES],
+            TYPES[TEMPERATURES_TOPIC],
             {"joint_names": self._names},
             {"temperature_degc": n_joints},
         )
-        self._meter = Encoder(TYPES[POWER_METER])
+        self._meter = Encoder(TYPES[METER_TOPIC])
         # Without a layout, as drivers write it: one value per joint in the order of the joints.
         self._drives = Encoder(
-            TYPES[DRIVE_POWER],
+            TYPES[DRIVE_POWER_TOPIC],
             {"layout.data_offset": 0},
             {"layout.dim": 0, "data": n_joints},
         )
@@ -202,7 +204,9 @@ def record(
     if first is None:
         raise RigError(f"a run of {duration} s holds no sample", "a longer duration")
     encoder = RigEncoder(rig.joint_names)
-    types = {topic: kind for topic, kind in TYPES.items() if drive_power or topic != DRIVE_POWER}
+    types = {
+        topic: kind for topic, kind in TYPES.items() if drive_power or topic != DRIVE_POWER_TOPIC
+    }
     begin_ns = int(first.truth.stamp_ns[0])
     loads = auxiliary_loads(begin_ns, duration, rig.seed) if auxiliary else {}
     for name in loads:
@@ -220,7 +224,7 @@ def record(
     wait(load_messages(encoder, loads))
     with BagWriter(path, compression, overwrite, origin=ORIGIN) as bag:
         for topic, kind in types.items():
-            bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES else []))
+            bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES_TOPIC else []))
         for output in chain([first], pieces):
             wait(_messages(encoder, output, drive_power))
             end = output.truth
@@ -261,11 +265,11 @@ def _messages(
     encoder: RigEncoder, output: RigOutput, drive_power: bool
 ) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
     joints = output.joints
-    yield JOINT_STATES, joints.stamp_ns + JOINT_DELAY_NS, encoder.joint_states(joints)
+    yield JOINT_STATES_TOPIC, joints.stamp_ns + JOINT_DELAY_NS, encoder.joint_states(joints)
     if drive_power:
-        yield DRIVE_POWER, joints.stamp_ns + JOINT_DELAY_NS, encoder.drive_power(joints)
+        yield DRIVE_POWER_TOPIC, joints.stamp_ns + JOINT_DELAY_NS, encoder.drive_power(joints)
     if output.temperatures is not None:
         stamp = output.temperatures.stamp_ns + TEMPERATURE_DELAY_NS
-        yield MOTOR_TEMPERATURES, stamp, encoder.temperatures(output.temperatures)
+        yield TEMPERATURES_TOPIC, stamp, encoder.temperatures(output.temperatures)
     if output.meter is not None:
-        yield POWER_METER, output.meter.stamp_ns + METER_DELAY_NS, encoder.meter(output.meter)
+        yield METER_TOPIC, output.meter.stamp_ns + METER_DELAY_NS, encoder.meter(output.meter)

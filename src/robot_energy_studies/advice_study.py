@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy.replay.api import run_replay
+from robot_energy.replay.bag_replay import replay
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.advice.claims import (
     REGENERATION,
@@ -163,7 +163,7 @@ def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list
     model = drawn.identified(training)
     plant = AdvisedPlant(folder, seed)
     sums = EvidenceSums(model)
-    result = run_replay(plant.recorded(), model, on_output=sums.take, keep_compared=True)
+    result = replay(plant.recorded(), model, on_output=sums.take, keep_compared=True)
     evidence = sums.evidence(result.compared)
     evidence.measured_temperature = True
     nothing = {"compared_time": 0.0, "measured": 0.0, "predicted": 0.0}

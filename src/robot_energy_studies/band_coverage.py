@@ -25,6 +25,7 @@ from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import Float, Int, Phase
 from robot_energy_identify.api.identify import identify_friction
 from robot_energy_identify.api.identify_all import identify_all
@@ -246,10 +247,8 @@ def _replayed(
         if output.means is not None:
             blocks.append(output.means)
 
-    result = replay(
-        bag, model, settings=Settings(power_period=period), on_output=take, keep_means=True,
-        calibration=kept,
-    )  # fmt: skip
+    setup = ReplaySetup(settings=Settings(power_period=period), calibration=kept)
+    result = replay(bag, model, setup, on_output=take)
     return result, MeanBlock.concatenate(blocks)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
-from robot_energy.replay.api import run_replay
+from robot_energy.replay.bag_replay import replay
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.advice.claims import shared_bus
 from robot_energy_fleet.advice.evidence import EvidenceSums
@@ -171,7 +171,7 @@ def judged_pair(name: str, plant: int, one: DriveWork, other: DriveWork) -> Judg
 def judged_advice(plant: int, work: DriveWork) -> list[JudgedBus]:
     """Return what `robot-energy advise` claims of one recording, and the mean truth over starts."""
     sums = EvidenceSums(work.model)
-    result = run_replay(work.bag, work.model, on_output=sums.take, keep_compared=True)
+    result = replay(work.bag, work.model, on_output=sums.take, keep_compared=True)
     claim = shared_bus(sums.evidence(result.compared), work.model)
     if claim is None:
         return []

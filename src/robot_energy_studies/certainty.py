@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.condition.learner import Learning
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.blocks import Float, Learning
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_rig import load_profile, random_profile
 from robot_energy_studies.band_coverage import (

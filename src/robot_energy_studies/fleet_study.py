@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Output
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Learning
 from robot_energy_fleet.bag_sums import HourSums
 from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_fleet.report import fleet_report
@@ -94,7 +93,7 @@ def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
     read_ns, read = (np.concatenate(parts) for parts in zip(*meter, strict=True))
     own = {"key": str(key), "robot": visit.robot}
     rows, (measured, predicted) = (
-        joints.table(pipeline.power.condition.wear),
+        joints.table(pipeline.condition.wear),
         (pipeline.account.comparison.joule.tolist()),
     )
     known = [row["motor_temperature_degc"] for row in rows]

@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from robot_energy.certainty.band import Z95
+from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import RobotModel, load
 from robot_energy.model.figure import Figure
 from robot_energy.physics.friction import viscous_law
@@ -34,7 +35,7 @@ from robot_energy_identify.stats.systematic import ROOT3, SensorLimits
 from robot_energy_identify.steps import DynamicsFound
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
-from robot_energy_rig.record import DRIVE_POWER, record
+from robot_energy_rig.record import record
 
 BEYOND_MODEL = ("stribeck", "load_friction", "demagnetisation", "rectifier", "inverter", "warming")
 """Effects of the rig that the model file has no term for; off within its form."""
@@ -181,7 +182,7 @@ class DrawnPlant:
             path = record(rig, SECONDS, folder / f"{degc:.0f}degc", drive_power=drive_power).path
             powers = None
             if drive_power:
-                powers = DrivePowerTopics((DRIVE_POWER,)).read(path, rig.joint_names)
+                powers = DrivePowerTopics((DRIVE_POWER_TOPIC,)).read(path, rig.joint_names)
             bag = Bag(path, EffortMeaning.MOTOR_TORQUE, drive_power=powers, sensors=LIMITS)
             bags.append(replace(bag, kept=Kept(bag.whole(self.given_model()))))
         return bags

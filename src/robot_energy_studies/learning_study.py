@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
-import numpy as np
-
-from robot_energy.condition.learner import Learning
+from robot_energy.inputs.joint_states import decode
 from robot_energy.model import RobotModel, load
 from robot_energy.model.joint import Joint
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.timeline.blocks import EffortMeaning, JointBlock
+from robot_energy.timeline.blocks import EffortMeaning, JointBlock, Learning
 from robot_energy_plan.motion import MotionLimits, Program, random_program
 from robot_energy_rig import PlantProfile, RigConfig, RigJoints, VirtualRig
 
@@ -89,16 +87,8 @@ def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:
     Args:
         with_torque: Whether the effort is the motor torque that the drives report.
     """
-    unknown = np.full_like(joints.joint_velocity, np.nan)
-    return JointBlock(
-        stamp_ns=joints.stamp_ns,
-        segment=np.zeros(len(joints), dtype=np.int64),
-        quality=np.zeros(len(joints), dtype=np.uint32),
-        joint_position=joints.joint_position,
-        joint_velocity=joints.joint_velocity,
-        joint_acceleration=unknown,
-        joint_effort=joints.measured_motor_torque if with_torque else unknown,
-    )
+    effort = joints.measured_motor_torque if with_torque else None
+    return decode.joint_block(joints.stamp_ns, joints.joint_position, joints.joint_velocity, effort)
 
 
 def work(

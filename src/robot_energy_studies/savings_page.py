@@ -10,10 +10,9 @@ import numpy as np
 from robot_energy.results.base import json_value
 from robot_energy_papers.pages import Piece
 from robot_energy_report.canvas import SERIES, Target, canvas
+from robot_energy_studies.certainty_page import LABEL
 from robot_energy_studies.judged_savings import UNCHANGED, JudgedSaving
 from robot_energy_studies.savings import OVERRIDES, STANDING, OverrideCurve, Savings
-
-LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 
 
 def figures(result: Savings) -> dict[str, Any]:

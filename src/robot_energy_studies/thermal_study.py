@@ -219,7 +219,7 @@ def _replayed(
             torque.append(output.torque)
         if output.power is not None:
             power.append(output.power)
-            std.append(np.tile(pipeline.power.thermal.std, (len(output.power), 1)))
+            std.append(np.tile(pipeline.condition.thermal.std, (len(output.power), 1)))
 
     for block, readings in zip(run.joints, run.temperatures, strict=True):
         take(pipeline.step(block, None if hide else readings))

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from robot_energy.condition.joint_friction import MotionReader
-from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.timeline.blocks import Float, Int, PowerBlock
+from robot_energy.timeline.blocks import Float, Int, Learning, PowerBlock
 from robot_energy_plan.motion.ptp_loop import Program
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_rig.plant import COULOMB_DEGC, PlantFriction
@@ -78,9 +77,9 @@ def cycle_sums(
     pipeline = pipeline_of(model, Learning.OBSERVE, True)
     if known is not None:
         pipeline.torque.set_payload(known)
-    learner = pipeline.power.condition
+    learner = pipeline.condition
     blocks: list[PowerBlock] = []
-    learner.step = blocks.append  # type: ignore[method-assign]
+    learner.step = lambda block, _: blocks.append(block)  # type: ignore[method-assign]
     rows = round((length + 1.0) * RATE)  # the derivative is late
     output = rig.step(rows)
     pipeline.step(joint_block(output.joints), output.temperatures, None)

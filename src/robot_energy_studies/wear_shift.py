@@ -11,18 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.model import load
 from robot_energy.model.payload import payload
+from robot_energy.timeline.blocks import Learning
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_studies.learning_study import joint_block, pipeline_of, work
-from robot_energy_studies.wear_rows import DAY_HOURS
+from robot_energy_studies.wear_rows import DAY_HOURS, HIDDEN
 
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]
 CHANGE_EVERY = 30  # min between two payloads
-HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class Shift:
         self._pipeline = pipeline_of(self._model, Learning.OBSERVE, True)
         self._random = np.random.default_rng(0)
         self._minute = 0
-        learner = self._pipeline.power.condition
+        learner = self._pipeline.condition
         self.monitor: WearMonitor = learner.wear
 
     def run(self, minutes: int, wear: np.ndarray | None = None) -> None:

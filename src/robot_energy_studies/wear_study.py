@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.condition.drift_test import DriftTest
+from robot_energy.condition.drift import DriftTest
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.condition.wear_records import MotionGatherer, WearRecord

@@ -14,8 +14,8 @@ from typing import Any
 from bench_live import cpu_seconds
 from rich.table import Table
 
-from robot_energy.history.api import history
-from robot_energy.history.check import check
+from robot_energy_history.api import history
+from robot_energy_history.check import check
 
 ROBOTS = 100
 RATE = 10.0  # of the power states of each robot [1/s]

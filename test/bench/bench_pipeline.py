@@ -14,12 +14,12 @@ from recording import motion
 from rich.table import Table
 
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
-from robot_energy.condition.learner import Learning
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,
     JointBlock,
+    Learning,
     MeterBlock,
     MeterLocation,
     MeterMeaning,

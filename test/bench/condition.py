@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from robot_energy.condition.learner import Learning
+from robot_energy.timeline.blocks import Learning
 from robot_energy_rig import RigConfig, load_profile, random_profile
 from robot_energy_studies.learning_study import learning_study
 from robot_energy_studies.wear_shift import Shift, detection

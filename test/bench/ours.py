@@ -10,6 +10,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 
 
 def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:
@@ -17,7 +18,7 @@ def ahead(bag: str, model_name: str, processes: str) -> dict[str, float]:
     keep_freed_memory()
     model = load(model_name)
     begin = time.perf_counter()
-    result = replay(bag, model, processes=int(processes))
+    result = replay(bag, model, ReplaySetup(processes=int(processes)))
     wall = time.perf_counter() - begin
     return {"wall": wall, "energy": result.account.registers.cabinet("grid_import")}
 

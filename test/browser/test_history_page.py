@@ -8,7 +8,7 @@ import pytest
 
 from chromium import browser, needs_browser
 from histories import DAY, HOUR, MINUTE, START, Robot, record_days
-from robot_energy.history.store import HistoryStore
+from robot_energy_history.store import HistoryStore
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import PageHub
 from robot_energy_report.page.settings import PageSettings

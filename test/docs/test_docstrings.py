@@ -190,7 +190,7 @@ def test_no_docstring_lacks_anything():
 
 
 def test_interfaces_that_docstrings_refer_to_exist():
-    """What is described elsewhere is a method in the same module, or one of rclpy."""
+    """What is described elsewhere is a method in the same module, or one found by its full name."""
     without_ros = find_spec("rclpy") is None
     wrong = []
     for package in PACKAGES:
@@ -201,10 +201,8 @@ def test_interfaces_that_docstrings_refer_to_exist():
                 found = AS_IN.search(docstring)
                 if found and not (
                     found[1] in described
-                    or (
-                        found[1].startswith("rclpy.")
-                        and (without_ros or pydoc.locate(found[1]) is not None)
-                    )
+                    or (found[1].startswith("rclpy.") and without_ros)
+                    or ("." in found[1] and pydoc.locate(found[1]) is not None)
                 ):
                     wrong.append(f"{path.relative_to(ROOT)}: {name} refers to {found[1]}")
     assert not wrong

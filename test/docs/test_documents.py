@@ -14,7 +14,7 @@ from robot_energy.timeline.blocks import (
     Quality,
     TemperatureOrigin,
 )
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS
 from robot_energy_cli.main import build_parser, main
 
 README = (ROOT / "README.md").read_text()

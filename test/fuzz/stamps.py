@@ -17,6 +17,7 @@ import robots
 from joint_messages import message
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag.cdr import RawBatch
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, POWER_READING
@@ -30,7 +31,7 @@ from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages.friction import JOINT_FRICTION, FrictionReader, FrictionWriter
 from robot_energy.messages.payload import PAYLOAD, PayloadReader
 from robot_energy.messages.torque import JOINT_TORQUE, TorqueReader, TorqueWriter
-from robot_energy.pipeline import EnergyPipeline, PowerStage
+from robot_energy.pipeline import EnergyPipeline, PowerStage, Settings
 from robot_energy.timeline.stamps import MAX_STAMP_NS, is_valid_time
 
 SECOND = 10**9
@@ -130,7 +131,9 @@ class Monitors:
     def __init__(self, receive: bool = False) -> None:
         model = robots.two_link()
         self.pipeline = EnergyPipeline(model)
-        self.power, self.account = PowerStage(model), EnergyAccount(2)
+        settings = Settings()
+        self.power = PowerStage(model, settings, ConditionLearner(model, settings))
+        self.account = EnergyAccount(2)
         source = JointStateSource(stamp_source="receive" if receive else "header")
         limits = self.pipeline.torque.robot.limits
         self.joints = JointStateIngest(JOINTS, limits=limits, source=source)

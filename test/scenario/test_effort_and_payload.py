@@ -17,9 +17,10 @@ from robot_energy.messages.payload import PAYLOAD, PayloadWriter
 from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_logs.ur_rtde import import_ur_rtde
@@ -62,7 +63,7 @@ def copy_of_the_bag(folder, change=None, payloads=()):
 
 @pytest.fixture(scope="module")
 def reference():
-    return replay(BAG, MODEL, settings=BY_MOTOR_TORQUE)
+    return replay(BAG, MODEL, ReplaySetup(settings=BY_MOTOR_TORQUE))
 
 
 def net(shaft, kind):
@@ -79,7 +80,7 @@ def test_measured_is_what_the_plant_did_where_the_model_is_wrong(tmp_path):
         list(outputs(VirtualRig(profile, PROGRAM, config, seed=4), 12.0))
     ).truth
     power = truth.motor_torque * truth.motor_velocity
-    result = replay(tmp_path / "bag", two_link(), settings=BY_MOTOR_TORQUE)
+    result = replay(tmp_path / "bag", two_link(), ReplaySetup(settings=BY_MOTOR_TORQUE))
     shaft = result.account.shaft
     error = np.abs(net(shaft, "measured") - np.trapezoid(power, dx=0.004, axis=0))
     noise = config.sensors.torque_noise * np.sqrt((truth.motor_velocity**2).sum(axis=0)) * 0.004
@@ -100,7 +101,9 @@ def test_effort_lost_on_the_way_costs_its_own_joint_only(reference, tmp_path):
         if 10 * SECOND_NS <= elapsed_ns < 15 * SECOND_NS:
             message.effort = np.where(np.arange(6) == 2, np.nan, message.effort)
 
-    found = replay(copy_of_the_bag(tmp_path, lose), MODEL, settings=BY_MOTOR_TORQUE).account
+    found = replay(
+        copy_of_the_bag(tmp_path, lose), MODEL, ReplaySetup(settings=BY_MOTOR_TORQUE)
+    ).account
     before = reference.account
     np.testing.assert_array_equal(found.registers.microjoule, before.registers.microjoule)
     assert found.registers.time == before.registers.time
@@ -119,7 +122,7 @@ def test_driver_without_effort_leaves_measured_unknown(reference, tmp_path):
     def strip(message, _):
         message.effort = np.empty(0)
 
-    result = replay(copy_of_the_bag(tmp_path, strip), MODEL, settings=BY_MOTOR_TORQUE)
+    result = replay(copy_of_the_bag(tmp_path, strip), MODEL, ReplaySetup(settings=BY_MOTOR_TORQUE))
     np.testing.assert_array_equal(
         result.account.registers.microjoule, reference.account.registers.microjoule
     )
@@ -135,9 +138,9 @@ def test_payload_of_a_bag_counts_from_its_stamp(tmp_path):
     (body,) = MODEL.payload
     off, on = payload(body.link, 0.0), body.model_copy(update={"tag": "assumed"})
     bag = copy_of_the_bag(tmp_path, payloads=[(on, 20.0), (off, 10.0)])
-    result = replay(bag, MODEL, out=tmp_path / "out")
+    result = replay(bag, MODEL, ReplaySetup(out=tmp_path / "out"))
     bare = replay(BAG, MODEL.model_copy(update={"payload": ()}).with_urdf(MODEL.urdf_xml, ""))
-    full = replay(bag, MODEL, Topics(payload=""))
+    full = replay(bag, MODEL, ReplaySetup(topics=Topics(payload="")))
 
     def lifted(found):
         return found.account.registers.joints("shaft_positive")[1]
@@ -240,7 +243,7 @@ def test_recorded_ur3e_measures_what_its_motors_gave(tmp_path):
     took energy, and the assumed friction predicts the sum to within a third."""
     import_ur_rtde(sorted(Path(DATA).glob("rad_ur3e/*.csv"), reverse=True), tmp_path / "bag")
     settings = Settings(effort=EffortMeaning.MOTOR_CURRENT)
-    shaft = replay(tmp_path / "bag", load("ur3e"), settings=settings).account.shaft
+    shaft = replay(tmp_path / "bag", load("ur3e"), ReplaySetup(settings=settings)).account.shaft
     measured, predicted = net(shaft, "measured"), net(shaft, "predicted")
     assert (measured[:5] > 1.0).all()
     assert predicted.sum() == pytest.approx(measured.sum(), rel=1 / 3)

@@ -16,6 +16,7 @@ from plants import PROGRAM, two_link_profile
 from robot_energy.model import load
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
@@ -56,7 +57,7 @@ def outcome(folder: Path) -> Path:
 
 def error(bag: Path, model: Path) -> float:
     settings = Settings(effort=EffortMeaning.MOTOR_TORQUE)
-    comparison = replay_report(replay(bag, load(model), settings=settings)).comparison
+    comparison = replay_report(replay(bag, load(model), ReplaySetup(settings=settings))).comparison
     return float(comparison.predicted_minus_measured_relative)
 
 

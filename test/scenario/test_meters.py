@@ -18,6 +18,7 @@ from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, Me
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import MeterBlock
 
@@ -80,7 +81,9 @@ def spoken(tmp_path):
             )
             for time, topic, row in merged:
                 bag.write(topic, np.array([time]), [row])
-        result = replay(tmp_path / "bag", MODEL, inputs=Inputs(meter=MeterSource(**source)))
+        result = replay(
+            tmp_path / "bag", MODEL, ReplaySetup(inputs=Inputs(meter=MeterSource(**source)))
+        )
         report = replay_report(result)
         assert report.problems == ()
         assert all(entry.balanced for entry in report.inputs.values())
@@ -245,6 +248,6 @@ def test_megawatts_are_refused_and_the_unit_is_asked_about(spoken):
 
 def test_a_meter_that_the_bag_lacks_is_noted():
     inputs = Inputs(meter=MeterSource(type=FLOAT64, topic="w", unit="W", **MEAN))
-    result = replay(BAG, MODEL, inputs=inputs)
+    result = replay(BAG, MODEL, ReplaySetup(inputs=inputs))
     assert "the bag has no w: the meter is not read" in replay_report(result).notes
     assert replay_report(result).topics.meter is None

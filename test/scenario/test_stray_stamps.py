@@ -19,6 +19,7 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import Quality
 from robot_energy.timeline.stamps import MAX_STAMP_NS
@@ -76,7 +77,7 @@ def faulty(recorded, tmp_path) -> Callable[..., Replay]:
                     messages.append(moved(data, by) if by else data)
                     count[topic] += 1
                 bag.write(topic, np.array(times), messages)
-        result = replay(folder, MODEL, **options)
+        result = replay(folder, MODEL, ReplaySetup(**options))
         for each in (result.joint_states, result.temperatures, result.meter):
             assert each.rejections.balanced
             assert not each.rejections.waiting

@@ -29,6 +29,7 @@ from robot_energy.inputs.temperatures.kinds import (
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import Quality
 
@@ -205,7 +206,9 @@ def same_registers(result: Replay, reference: Replay) -> None:
 def test_the_same_readings_in_another_dress_give_the_same_registers(way, dressed, reference):
     """Each message type, read as its source says: equal to the last bit."""
     dress, inputs = WAYS[way]
-    result = replay(dressed(dress, (NAMES,) if dress is as_values else ()), MODEL, inputs=inputs)
+    result = replay(
+        dressed(dress, (NAMES,) if dress is as_values else ()), MODEL, ReplaySetup(inputs=inputs)
+    )
     same_registers(result, reference)
     assert result.notes == []
 
@@ -214,14 +217,14 @@ def test_kelvin_gives_the_same_registers(dressed, reference):
     """The same readings in kelvin, said to be: equal to the last bit of the registers."""
     inputs = source(topic="dynamic_joint_states", type=DYNAMIC_JOINT_STATE, unit="kelvin")
     path = dressed(lambda stamp, values: as_dynamic(stamp, values + KELVIN))
-    same_registers(replay(path, MODEL, inputs=inputs), reference)
+    same_registers(replay(path, MODEL, ReplaySetup(inputs=inputs)), reference)
 
 
 def test_kelvin_that_is_not_said_is_refused_and_named(dressed):
     """Kelvin from a source in degC: no value is used, and a sentence says what to set."""
     path = dressed(lambda stamp, values: as_dynamic(stamp, values + KELVIN))
     inputs = source(topic="dynamic_joint_states", type=DYNAMIC_JOINT_STATE)
-    result = replay(path, MODEL, inputs=inputs)
+    result = replay(path, MODEL, ReplaySetup(inputs=inputs))
     assert (
         result.account.counts.quality[Quality.TEMPERATURE_MISSING] == result.account.counts.samples
     )
@@ -234,7 +237,7 @@ def test_kelvin_that_is_not_said_is_refused_and_named(dressed):
 def test_temperatures_of_no_joint_are_listed_once(dressed, reference):
     """A gripper that reports its temperature too changes nothing and is named in the notes."""
     path = dressed(as_dynamic)
-    result = replay(path, MODEL, inputs=WAYS["dynamic joint states"][1])
+    result = replay(path, MODEL, ReplaySetup(inputs=WAYS["dynamic joint states"][1]))
     same_registers(result, reference)
     assert replay_report(result).notes == ("temperatures of unknown joints: gripper",)
 
@@ -247,7 +250,7 @@ def test_an_array_counts_from_its_receipt(dressed, reference):
     """
     assert {log - stamp for log, stamp, _ in readings()} == {5_000_000}
     inputs = source(topic="motor_temps", type=FLOAT_ARRAY, joints=("-", *JOINTS[::-1]))
-    result = replay(dressed(as_array), MODEL, inputs=inputs)
+    result = replay(dressed(as_array), MODEL, ReplaySetup(inputs=inputs))
     late = replay(dressed(as_stamped_late), MODEL)
     same_registers(result, late)
     drawn = [each.account.registers.cabinet("grid_import") for each in (result, reference)]
@@ -268,7 +271,7 @@ def test_the_parameter_file_of_the_node_serves_the_replay(dressed, reference, tm
         f"      type: {DYNAMIC_JOINT_STATE}\n"
     )
     inputs, notes = read_inputs(file)
-    same_registers(replay(dressed(as_dynamic), MODEL, inputs=inputs), reference)
+    same_registers(replay(dressed(as_dynamic), MODEL, ReplaySetup(inputs=inputs)), reference)
     assert notes == []
 
 
@@ -281,7 +284,7 @@ def test_without_a_file_the_replay_says_what_may_hold_temperatures(dressed):
     )
     assert any("/dynamic_joint_states" in note and "--inputs" in note for note in result.notes)
     with pytest.raises(MissingTopicError, match="--inputs"):
-        replay(path, MODEL, topics=Topics(temperatures=("/dynamic_joint_states",)))
+        replay(path, MODEL, ReplaySetup(topics=Topics(temperatures=("/dynamic_joint_states",))))
 
 
 def test_a_source_that_the_bag_lacks_is_left_out_and_said(reference):
@@ -290,7 +293,7 @@ def test_a_source_that_the_bag_lacks_is_left_out_and_said(reference):
         "motors": TemperatureSource(),
         "wrist": TemperatureSource(topic="wrist/values", type=INTERFACE_VALUES),
     }
-    result = replay(BAG, MODEL, inputs=Inputs(temperature_sources=sources))
+    result = replay(BAG, MODEL, ReplaySetup(inputs=Inputs(temperature_sources=sources)))
     same_registers(result, reference)
     (note,) = result.notes
     assert "no wrist/names and wrist/values: the temperature source 'wrist' is not used" in note
@@ -298,4 +301,4 @@ def test_a_source_that_the_bag_lacks_is_left_out_and_said(reference):
 
 def test_a_source_of_another_type_is_refused():
     with pytest.raises(MissingTopicError, match="has /motor_temperatures as ros2_energy_msgs"):
-        replay(BAG, MODEL, inputs=source(type=TEMPERATURE))
+        replay(BAG, MODEL, ReplaySetup(inputs=source(type=TEMPERATURE)))

@@ -9,6 +9,7 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 
 RIGHT, LEFT = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"
@@ -36,7 +37,7 @@ def both(path, without: Mapping[str, tuple[str, ...]]):
 
 
 def test_temperatures_and_meter_of_the_other_robot_are_left_alone(tmp_path):
-    result = replay(both(tmp_path / "bag", {}), load("kr16"), STATES)
+    result = replay(both(tmp_path / "bag", {}), load("kr16"), ReplaySetup(topics=STATES))
     alone = replay(RIGHT, load("kr16"))
     assert result.topics.temperatures == ("/right" + TEMPERATURES,)
     assert result.topics.meter == "/right" + METER
@@ -48,12 +49,14 @@ def test_temperatures_and_meter_of_the_other_robot_are_left_alone(tmp_path):
     ("topic", "option"), [(TEMPERATURES, "--temperatures"), (METER, "--meter")]
 )
 def test_what_only_the_other_robot_has_is_not_used_and_said(tmp_path, topic, option):
-    result = replay(both(tmp_path / "bag", {"/right": (topic,)}), load("kr16"), STATES)
+    result = replay(
+        both(tmp_path / "bag", {"/right": (topic,)}), load("kr16"), ReplaySetup(topics=STATES)
+    )
     assert ("/left" + topic) not in (*(result.topics.temperatures or ()), result.topics.meter)
     assert [note for note in result.notes if "/left" + topic in note and option in note]
 
 
 def test_topics_that_bring_the_same_joint_are_named(tmp_path):
     given = Topics(STATES.joint_states, ("/right" + TEMPERATURES, "/left" + TEMPERATURES))
-    result = replay(both(tmp_path / "bag", {}), load("kr16"), given)
+    result = replay(both(tmp_path / "bag", {}), load("kr16"), ReplaySetup(topics=given))
     assert [note for note in result.notes if "all bring temperatures of joint_a1, joint_a2" in note]

@@ -31,6 +31,7 @@ from sensor_msgs.msg import JointState
 from robot_energy.bag import BagReader
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 from ros2_energy_monitor.base.shared_memory import clear_ports
 
@@ -154,7 +155,7 @@ def _stop(process: subprocess.Popen[bytes]) -> int | None:
 
 def _rows(folder: Path) -> dict[str, list[bytes]]:
     """Messages of every input: those of a bundled bag, and what a replay makes of them."""
-    replay(BAG, load("kr16"), out=folder / "replayed")
+    replay(BAG, load("kr16"), ReplaySetup(out=folder / "replayed"))
     rows: dict[str, list[bytes]] = {topic: [] for topic in TYPES}
     for path in (BAG, folder / "replayed"):
         reader = BagReader(path)

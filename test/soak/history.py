@@ -15,9 +15,9 @@ from figure import Figure, resident_kib
 
 sys.path.append(str(Path(__file__).resolve().parent.parent))
 from histories import DAY, MINUTE, START, Course, run_course
-from robot_energy.history.api import history
-from robot_energy.history.check import check
-from robot_energy.history.files import open_reader
+from robot_energy_history.api import history
+from robot_energy_history.check import check
+from robot_energy_history.files import open_reader
 
 MINUTES = (12.0, 0.5)
 IMPORT = "predicted_import_microjoule"

@@ -19,10 +19,9 @@ MODULES = {
         __main__
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging comparison energy_curve exact_sum
-        integration job_intervals load_curve meter_checks meter_response plain_text
-        power_curve record record_repair registers sample_counts settings
-        totals
+        account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
+        load_curve meter_checks meter_response plain_text power_curve record record_repair registers
+        sample_counts totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
@@ -36,27 +35,22 @@ MODULES = {
         prediction_errors priors
     """,
     "robot_energy.condition": """
-        api baseline buckets drift_test joint_friction learner meter_fit meter_windows
+        baseline buckets drift joint_friction learner meter_fit meter_windows
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds process_memory schema_errors shown shown_text
-        signature stopping time_zone units
+        blas_threads config_file errors extras kinds options process_memory schema_errors shown
+        shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder placement private_file
         regular_file temporary_folder xml_encoding
-    """,
-    "robot_energy.history": """
-        api bags baseline check differences files friction jobs notes outputs readings rollup rows
-        savings schema spans store tariffs use
     """,
     "robot_energy.inputs": """
         auxiliary bag_topics inputs_file parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
-        velocity_check zero_states
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
@@ -69,23 +63,23 @@ MODULES = {
     """,
     "robot_energy.model": """
         auxiliary counterbalance drive_models figure friction_laws joint load open_schema
-        payload reference schema
+        payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort effort_check electrical_power
-        equations friction hold_torque limit_utilisation motor_heat
-        pinocchio_model plausibility rigid_body shared_bus torque_limits transmission
+        cabinet counterbalance derivative drive drivetrain effort effort_check
+        electrical_power equations friction hold_torque motor_heat pinocchio_model
+        plausibility rigid_body torque_limits
     """,
     "robot_energy.physics.urdf": """
-        actuators checks compare limits moving_joints parse
+        checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-        consecutive energy_pipeline friction_stage friction_timeline
-        online_monitor payload_timeline power_stage settings supply torque_stage work_sums
+        energy_pipeline friction_stage friction_timeline online_monitor power_stage
+        settings torque_stage work_sums
     """,
     "robot_energy.replay": """
-        api bag_replay energy_bag inputs power_table read_ahead recorded_jobs replay_steps
-        replay_topics
+        api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
+        replay_steps replay_topics setup
     """,
     "robot_energy.results": """
         auxiliary base condition energy model normalised replay
@@ -94,23 +88,23 @@ MODULES = {
         account_store adoption condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
-        blocks coverage epochs gaps hold pieces stamps streams time_series
+        blocks epochs pieces stamps streams time_series
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info kinds layouts listings main models monitoring numbers
-        optimize predict replay replay_options report result_schema shared_bus simulate terminal
-        test tool_options
+        identify_thermal import_logs info kinds layouts listings main model_reference models
+        monitoring numbers optimize predict replay replay_options report result_schema shared_bus
+        simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_minutes bag_places bag_row bag_sums dataset dataset_columns
-        findings history_tables identify joint_sums merged_friction merged_laws report run sisters
-        tables wear_history workers
+        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
+        findings fleet_run history_tables identify joint_sums merged_friction
+        merged_laws options report sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
-        claims dataset_evidence evidence run speeds
+        advise claims dataset_evidence evidence speeds
     """,
     "robot_energy_fleet.documents": """
         advice fleet fleet_figures
@@ -118,8 +112,12 @@ MODULES = {
     "robot_energy_fleet.results": """
         advice fleet
     """,
+    "robot_energy_history": """
+        api bags baseline check differences files friction jobs notes outputs readings rollup rows
+        savings schema spans store tariffs use
+    """,
     "robot_energy_identify": """
-        bounds causes plausibility provenance run_all steps
+        bounds causes options plausibility provenance run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify identify_all
@@ -155,7 +153,7 @@ MODULES = {
         check drives dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        arm description joints model_text priors
+        actuators arm description joints model_text priors
     """,
     "robot_energy_identify.stats": """
         autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
@@ -170,13 +168,13 @@ MODULES = {
     "robot_energy_papers": """
         accuracy boat calibration drawings drive_study experiment held_out job_pool
         kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_figures paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        prediction shared_bus
+        bus_exchange consecutive limit_utilisation options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -227,7 +225,7 @@ MODULES = {
 # From the ground up: the core, and what each companion may stand on.
 PACKAGES = (
     ("robot_energy",),
-    ("robot_energy_logs",),
+    ("robot_energy_history", "robot_energy_logs"),
     ("robot_energy_plan",),
     ("robot_energy_rig", "robot_energy_identify"),
     ("robot_energy_report",),
@@ -246,20 +244,24 @@ LAYERS = {
         ("physics", "accounting.power_curve"),
         ("certainty", "inputs"),
         ("accounting",),
-        ("certainty.band_calibration", "condition"),
+        ("certainty.band_calibration",),
         ("accounting.account accounting.account_record",),
+        (
+            "pipeline.friction_stage pipeline.friction_timeline pipeline.power_stage "
+            "pipeline.settings pipeline.torque_stage",
+        ),
+        ("condition",),
         ("pipeline", "store"),
         ("messages",),
-        ("history",),
         ("replay",),
         ("results",),
-        ("replay.inputs", "replay.power_table"),
+        ("replay.power_table",),
         ("replay.api", "pipeline.online_monitor"),
-        ("condition.api",),
     ),
     "robot_energy_plan": (
-        ("motion",),
-        ("prediction", "optimization", "shared_bus"),
+        ("motion", "optimization.rest_states", "consecutive", "limit_utilisation"),
+        ("options",),
+        ("bus_exchange", "prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),
@@ -279,9 +281,13 @@ LAYERS = {
         ("advice",),
     ),
 }
-# Besides the core the nodes stand on these companions: pages, the rig, predicted trajectories.
+# Besides the core the nodes stand on these companions: what the recorder writes, pages, the rig,
+# predicted trajectories.
 NODES = Path(__file__).resolve().parents[2] / "ros2_energy_monitor" / "ros2_energy_monitor"
-OF_THE_NODES = {"robot_energy", "robot_energy_plan", "robot_energy_report", "robot_energy_rig"}
+OF_THE_NODES = {
+    "robot_energy", "robot_energy_history", "robot_energy_plan", "robot_energy_report",
+    "robot_energy_rig",
+}  # fmt: skip
 # The demo shows an identification too.
 OF_THE_DEMO = {"demo/demo_identification.py": {"robot_energy_identify"}}
 # Nothing online imports these.
@@ -290,8 +296,8 @@ OFFLINE = (
     "robot_energy_plan", "robot_energy_report", "robot_energy_rig",
 )  # fmt: skip
 ONLINE = (
-    "accounting", "bag.cdr", "certainty", "condition", "history", "inputs", "messages", "pipeline",
-    "store", "timeline",
+    "accounting", "bag.cdr", "certainty", "condition", "inputs", "messages", "pipeline", "store",
+    "timeline",
 )  # fmt: skip
 FOREIGN = {
     "ament_index_python", "builtin_interfaces", "control_msgs", "diagnostic_msgs",
@@ -414,7 +420,7 @@ def test_the_core_runs_without_a_companion():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_the_nodes_stand_on_the_core_the_pages_the_plans_and_the_rig():
+def test_the_nodes_stand_on_the_core_and_the_companions_that_run_live():
     for path in sorted(NODES.rglob("*.py")):
         allowed = OF_THE_NODES | OF_THE_DEMO.get(path.relative_to(NODES).as_posix(), set())
         used = {name.partition(".")[0] for name in imports(path)}
@@ -462,5 +468,5 @@ def test_a_replay_with_its_report_loads_no_identification():
 
 
 def test_a_history_loads_neither_the_physics_nor_schemas():
-    found = loaded_by("robot_energy.history.store")
+    found = loaded_by("robot_energy_history.store")
     assert not found & {"pinocchio", "pydantic", "polars", "scipy"}

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from robot_energy.accounting.record import Identity
-from robot_energy.condition.learner import Learning
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.model import load
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.read_ahead import read_ahead
 from robot_energy.replay.recorded_jobs import Job
-from robot_energy.timeline.blocks import Block, EffortMeaning
+from robot_energy.replay.setup import ReplaySetup
+from robot_energy.timeline.blocks import Block, EffortMeaning, Learning
 
 BAG = Path(__file__).parents[2] / "bags/kr16_cold"
 MODEL = load("kr16")
@@ -45,14 +45,15 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
     result = replay(
         bag,
         MODEL,
-        settings=Settings(learning=Learning.APPLY, effort=EffortMeaning.MOTOR_TORQUE),
+        ReplaySetup(
+            settings=Settings(learning=Learning.APPLY, effort=EffortMeaning.MOTOR_TORQUE),
+            jobs=[
+                Job(name=f"job {number}", begin=begin, end=end)
+                for number, (begin, end) in enumerate(pairwise(bounds))
+            ],
+            processes=processes,
+        ),
         on_output=take,
-        keep_means=True,
-        jobs=[
-            Job(name=f"job {number}", begin=begin, end=end)
-            for number, (begin, end) in enumerate(pairwise(bounds))
-        ],
-        processes=processes,
     )
     identity = Identity(
         robot_type="", robot_serial="", joint_names=MODEL.joint_names, model_id="", node=""
@@ -63,7 +64,7 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
         "power": joined(power),
         "means": joined(means),
         "account": account.state(identity),
-        "learned": stages.power.condition.state(),
+        "learned": stages.condition.state(),
         "warm": stages.power.watch.rise.tolist(),
         "inputs": [
             (each.rejections.received, each.rejections.accepted, dict(each.rejections.rejected))
@@ -91,7 +92,7 @@ def test_an_error_of_this_process_ends_the_others(processes):
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        replay(BAG, MODEL, on_output=fail, processes=processes)
+        replay(BAG, MODEL, ReplaySetup(processes=processes), on_output=fail)
     assert not active_children()
 
 

@@ -17,9 +17,9 @@ from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.power import PowerStateWriter
 from robot_energy.messages.registers import RegistersWriter
-from robot_energy.pipeline import PowerStage
 from ros2_energy_monitor.base.auxiliary_loads import AuxiliaryLoads
 from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.condition_publisher import ConditionPublisher
@@ -45,7 +45,7 @@ class AccountNode(MonitorNode[A]):
     UNIQUE_TOPIC = REGISTERS_TOPIC
     account: EnergyAccount
 
-    def keep_account(self, account: EnergyAccount, stage: PowerStage) -> None:
+    def keep_account(self, account: EnergyAccount, condition: ConditionLearner) -> None:
         """Make what counts, learns, publishes and keeps; subscribe the meter."""
         self.account, given, model = account, self.parameters, self.model
         self._loads = AuxiliaryLoads(self, given, account)
@@ -65,9 +65,7 @@ class AccountNode(MonitorNode[A]):
         self.exit_stack.callback(self.checkpoints.close)  # safe also where it is not open
         self.checkpoints.open()
         RegisterServices(self, account, self.checkpoints, model, self.take_now).open()
-        self._condition = ConditionPublisher(
-            self, model, stage.condition, stage.thermal, given.state_folder
-        )
+        self._condition = ConditionPublisher(self, model, condition, given.state_folder)
         self.exit_stack.callback(self._condition.close)
         self._condition.open()
         self._meter, self.readings = meter_input(self, given, given.resubscribe_after)
@@ -98,10 +96,9 @@ class AccountNode(MonitorNode[A]):
         super().parameters_changed()
         self.checkpoints.change_period(self.parameters.checkpoint_period)
 
-    def publish_power(self, means: MeanBlock | None) -> None:
+    def publish_power(self, means: MeanBlock) -> None:
         """Take the periods that ended; `tick` publishes them."""
-        if means is not None:
-            self._power.add(self._power_writer.encode(means, self.account.comparison.location))
+        self._power.add(self._power_writer.encode(means, self.account.comparison.location))
 
     def tick(self) -> None:
         """Publish the next power state."""

@@ -187,7 +187,7 @@ class Checkpoints:
             "checkpoint_duration_p99_s": float(np.quantile(durations, 0.99)),
             "restarts": self._account.restarts,
             "samples_repeated": self._account.repeated,
-            "intervals_open": self._account.intervals.open_count,
+            "intervals_open": len(self._account.intervals.open_entries),
         }
         if waiting > LATE_PERIODS * self._period:
             found.add(

@@ -21,7 +21,6 @@ from ros2_energy_msgs.msg import WearAlarm as WearAlarmMessage
 
 from robot_energy.condition.buckets import BUCKET_DEGC, BUCKET_SPEED
 from robot_energy.condition.learner import ConditionLearner
-from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
@@ -40,7 +39,7 @@ class ConditionPublisher:
     """Publishes ``energy/condition`` and keeps learned figures; `open` creates, `close` ends.
 
     Args:
-        thermal: What estimates motor temperatures; kept on disk as well.
+        learner: Kept on disk with its temperatures.
         state_folder: Parameter that names the folder of the state files.
     """
 
@@ -49,12 +48,10 @@ class ConditionPublisher:
         node: Node,
         model: RobotModel,
         learner: ConditionLearner,
-        thermal: ThermalObserver,
         state_folder: str,
     ) -> None:
         self._node, self._model, self._learner = node, model, learner
-        self._thermal = thermal
-        self._kept_things = [kept for kept in (learner, thermal) if kept.learns]
+        self._kept_things = [kept for kept in (learner, learner.thermal) if kept.learns]
         self._folder = folder_of(state_folder)
         self._publisher: Any = None
         self._thread: ThreadPoolExecutor | None = None
@@ -136,7 +133,7 @@ class ConditionPublisher:
         }
         multipliers = zip(self._model.joint_names, learner.friction.filtered.tolist(), strict=True)
         found.values |= {f"multiplier_{name}": value for name, value in multipliers}
-        thermal = self._thermal
+        thermal = self._learner.thermal
         for place, name in enumerate(self._model.joint_names):
             if thermal.gears[place]:
                 found.values[f"gear_degc_{name}"] = float(thermal.friction_degc[place])

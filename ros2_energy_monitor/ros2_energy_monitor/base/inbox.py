@@ -18,8 +18,10 @@ instead, at a higher price and with the same result.
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
+from bisect import bisect_left, insort
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
@@ -34,11 +36,120 @@ from rclpy.qos import QoSProfile
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
-from ros2_energy_monitor.base.message_loss import MessageLossCounter
 from ros2_energy_monitor.diagnostics.topic_publishers import TopicPublishers
 
+MAX_EXPLANATIONS = 8
+"""Explanations that are followed for each number of publishers not heard yet: those with the
+fewest losses."""
 MAX_WAIT = 120.0  # for data, before a trial to subscribe again [s]
 AT_ONCE = 2.0  # data so soon after a trial are its success [s]
+
+
+@dataclass(slots=True)
+class _Explanation:
+    """One way in which the numbers so far can have come about.
+
+    Attributes:
+        last: The newest number of each publisher that was heard, ascending.
+    """
+
+    last: list[int]
+    unheard: int
+    lost: int
+
+
+class MessageLossCounter:
+    """Follows the numbers of all publishers of a topic.
+
+    Args:
+        met: Returns how many publishers were ever met, and how many are there now. Called
+            only when the numbers do not simply go on.
+    """
+
+    def __init__(self, met: Callable[[], tuple[int, int]]) -> None:
+        self._met = met
+        self._explanations = [_Explanation([], 0, 0)]
+        self._ever = self._now = 0  # as of the last step that asked
+        self._leaving = 0  # publishers that have left; their last messages may still wait
+
+    @property
+    def lost(self) -> int:
+        """Messages that were published and never arrived, at least."""
+        return min(one.lost for one in self._explanations)
+
+    def step(self, numbers: Sequence[int]) -> None:
+        """Take the numbers of messages."""
+        if not numbers:
+            return
+        first = self._explanations[0]
+        if len(self._explanations) == len(first.last) == 1:
+            following = first.last[0] + 1
+            if numbers == list(range(following, following + len(numbers))):
+                first.last[0] = numbers[-1]
+                return
+        ever, now = self._met()
+        joined = max(ever - self._ever, 0)
+        left = max(self._now + joined - now, 0)
+        self._ever, self._now = ever, now
+        for one in self._explanations:
+            one.unheard += joined
+        for number in numbers:
+            self._take(number)
+        for _ in range(self._leaving):
+            self._explanations = _fewest(_without_one(self._explanations))
+        self._leaving = left
+
+    def _take(self, number: int) -> None:
+        """Follow each explanation on: the number continues a publisher, or is the first of one.
+
+        If it continues one, then the one with the nearest number below: any other choice
+        can be made good later at no lower cost. Where it continues one without a gap, that
+        is never worse than a first number.
+        """
+        found: list[_Explanation] = []
+        changed = False
+        for one in self._explanations:
+            place = bisect_left(one.last, number) - 1
+            gap = number - one.last[place] - 1 if place >= 0 else 0
+            changed |= place < 0 or gap > 0
+            if one.unheard and (place < 0 or gap):
+                found.append(_Explanation(sorted([*one.last, number]), one.unheard - 1, one.lost))
+            if place >= 0:
+                one.last[place] = number
+                one.lost += gap
+                found.append(one)
+        if not found:  # a publisher that was not announced
+            best = min(self._explanations, key=lambda one: one.lost)
+            insort(best.last, number)
+            found = [best]
+        self._explanations = _fewest(found) if changed else found
+
+
+def _without_one(explanations: Iterable[_Explanation]) -> list[_Explanation]:
+    """Each explanation without one publisher, whichever it may be."""
+    found: list[_Explanation] = []
+    for one in explanations:
+        found += [
+            _Explanation([*one.last[:place], *one.last[place + 1 :]], one.unheard, one.lost)
+            for place in range(len(one.last))
+        ]
+        if one.unheard:
+            found.append(_Explanation(one.last, one.unheard - 1, one.lost))
+        if not one.last and not one.unheard:
+            found.append(one)
+    return found
+
+
+def _fewest(explanations: Iterable[_Explanation]) -> list[_Explanation]:
+    """Those with the fewest losses, for each number of publishers that are unheard."""
+    kept: dict[tuple[int, ...], _Explanation] = {}
+    like = Counter[int]()
+    for one in sorted(explanations, key=lambda one: one.lost):
+        key = (one.unheard, *one.last)
+        if like[one.unheard] < MAX_EXPLANATIONS and key not in kept:
+            kept[key] = one
+            like[one.unheard] += 1
+    return list(kept.values())
 
 
 class ResubscribePolicy:
@@ -180,7 +291,10 @@ class Inbox:
             middleware, or of the node's clock where it is not the system's or the middleware
             gives none. None if there are no messages.
         """
-        taken = list(self._take() if self.direct else self._popped())
+        taken = list(self._queue)  # by callbacks, or the trial in the constructor
+        self._queue.clear()
+        if self.direct:
+            taken += self._take()
         if not taken:
             return None
         messages = [message for message, _, _ in taken]
@@ -190,16 +304,12 @@ class Inbox:
         self._arrived_ns = time.monotonic_ns()
         if self._revival is not None:
             self._revival.heard(time.monotonic())
-        times = self._times([received for _, _, received in taken])
-        return RawBatch.from_messages(self.topic, self.msgtype, times, messages)
-
-    def _times(self, received: list[int]) -> list[int]:
-        """Times of receipt in the time of the node."""
         clock = self._node.get_clock()
-        now = clock.now().nanoseconds
+        now, system = clock.now().nanoseconds, True
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
-            return [now] * len(received)
-        return [time if 0 < time <= now else now for time in received]
+            system = False
+        times = [ns if system and 0 < ns <= now else now for _, _, ns in taken]
+        return RawBatch.from_messages(self.topic, self.msgtype, times, messages)
 
     def discard(self, rejections: RejectionLog) -> None:
         """Take every message that waits and count it as rejected, since the node is inactive.
@@ -245,7 +355,8 @@ class Inbox:
     @property
     def mismatches(self) -> int:
         """Publishers met so far whose quality of service does not fit."""
-        status = self._status(Event.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS)
+        kind = Event.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS
+        status = event_status(self._subscription.handle, kind)
         return 0 if status is None else int(status.total_count)
 
     @property
@@ -274,19 +385,15 @@ class Inbox:
             raw=True,
         )
 
-    def _status(self, kind: Event) -> Any:
-        return event_status(self._subscription.handle, kind)
-
     def met(self) -> tuple[int, int]:
         """Return how many publishers were ever matched, and how many are now."""
-        status = self._status(Event.RCL_SUBSCRIPTION_MATCHED)
+        status = event_status(self._subscription.handle, Event.RCL_SUBSCRIPTION_MATCHED)
         if status is None:
             return self._met_before + self.publishers, self.publishers
         return self._met_before + int(status.total_count), int(status.current_count)
 
     def _take(self) -> Iterator[Numbered]:
         """Yield from the queue of the middleware, at most as many as it holds."""
-        yield from self._popped()
         handle = self._subscription.handle
         try:
             with handle:
@@ -301,11 +408,6 @@ class Inbox:
     def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""
         self._queue.append(_numbered(message, info))
-
-    def _popped(self) -> Iterator[Numbered]:
-        """Yield what callbacks, or the trial in the constructor, have queued."""
-        while self._queue:
-            yield self._queue.popleft()
 
     def _fits(self) -> bool:
         """Try the internals of rclpy; a message that arrives meanwhile is kept."""

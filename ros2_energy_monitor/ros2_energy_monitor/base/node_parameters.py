@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robot_energy.condition.learner import Learning
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.meter.source import MeterInputs
 from robot_energy.inputs.parameters import parameter
 from robot_energy.inputs.sources import GapInputs, JointStateInputs, TemperatureInputs
+from robot_energy.timeline.blocks import Learning
 
 MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 

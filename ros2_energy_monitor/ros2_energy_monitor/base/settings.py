@@ -12,10 +12,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from robot_energy.condition.learner import Learning
 from robot_energy.inputs.sources import GapInputs
 from robot_energy.pipeline import Settings
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, Learning
 from ros2_energy_monitor.base.node_parameters import (
     Common,
     EnergyParameters,

@@ -30,7 +30,8 @@ from ros2_energy_msgs.srv import SetPayload
 from robot_energy.bag import BagWriter
 from robot_energy.foundation.errors import BagError, RobotEnergyError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
-from robot_energy_report.layouts.plots import DIAGNOSTICS, JOINT_STATES, TOPICS
+from robot_energy.messages.fields import JOINT_STATES_TOPIC
+from robot_energy_report.layouts.plots import DIAGNOSTICS, TOPICS
 from robot_energy_rig.record import ORIGIN
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.publishers import best_effort
@@ -39,7 +40,7 @@ from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
 
 TYPES = {
-    JOINT_STATES: JOINT_STATE,
+    JOINT_STATES_TOPIC: JOINT_STATE,
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     **{topic: f"ros2_energy_msgs/msg/{kind}" for topic, kind, _, _ in TOPICS},
 }
@@ -112,7 +113,7 @@ def record(context: Context, seconds: float, stop: StopSignal | None = None) -> 
                 complete = clock.now()
             if lacking and (clock.now() - begin).nanoseconds > PATIENCE * 1e9:
                 raise BagError(f"nothing came on {', '.join(lacking)}", "messages of all topics")
-            if not asked and recorder.counts[JOINT_STATES] and client.service_is_ready():
+            if not asked and recorder.counts[JOINT_STATES_TOPIC] and client.service_is_ready():
                 asked = True
                 client.call_async(SetPayload.Request(payload=payload))
     finally:

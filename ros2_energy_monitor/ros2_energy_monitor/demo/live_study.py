@@ -29,6 +29,7 @@ from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
+from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
@@ -37,7 +38,7 @@ from ros2_energy_monitor.demo.processes import NodeProcesses
 from ros2_energy_monitor.nodes.player import LEAD, Player, pausing
 
 MODEL = "follows"  # of the study: friction follows temperature, plain as in the paper
-TOPICS = ("/joint_states", "/motor_temperatures", "/power_meter")
+TOPICS = (JOINT_STATES_TOPIC, TEMPERATURES_TOPIC, METER_TOPIC)
 MET = {  # inputs of the monitors by the status that counts their publishers
     "torque_monitor: joint states": ("input_publishers",),
     "friction_monitor: motor temperatures": ("input_publishers",),

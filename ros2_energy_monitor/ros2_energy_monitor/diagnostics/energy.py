@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.registers import Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
@@ -26,7 +27,6 @@ from robot_energy.model import RobotModel
 from robot_energy.pipeline import FrictionStage, TorqueStage
 from robot_energy.pipeline.friction_timeline import FallbackUse
 from robot_energy.timeline.blocks import NANOSECOND, Quality
-from robot_energy.timeline.coverage import Coverage
 from robot_energy.timeline.epochs import EpochSplitter
 from robot_energy.timeline.streams import sentence_of
 from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES

@@ -66,7 +66,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         self._friction_writer = FrictionWriter(self.model)
         self._torque = torque_publisher(self, depth) if self.parameters.publish_torque else None
         self._friction = friction_publisher(self)
-        self.keep_account(self._pipeline.account, self._pipeline.power)
+        self.keep_account(self._pipeline.account, self._pipeline.condition)
         states = joint_state_inboxes(self, self.parameters)
         self.joint_states, *self._further = states
         self._played = PlayedRecording(states)
@@ -164,7 +164,8 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         """
         states = self.drain([self.joint_states, *self._further])
         temperatures, readings = self.drain(self.temperatures), self.drain(self.readings)
-        self._loads.take()
+        if self._loads.loads:
+            self._loads.take()
         if temperatures:
             self._publish(
                 self.guard.feed(
@@ -175,7 +176,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
                 )
             )
         if readings:
-            self._check_model(
+            self._publish(
                 self.guard.feed(
                     "meter",
                     [(self._meter.rejections, sum(map(len, readings)))],
@@ -184,7 +185,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
                 )
             )
         if states:
-            self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
+            self._joints(sum(map(len, states)), partial(self.ingest.step, states))
 
     def deactivate(self) -> None:
         """Count and publish what still waits."""
@@ -216,10 +217,6 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
             )
         )
 
-    def _check_model(self, output: Output | None) -> None:
-        if output is not None:
-            self.guard.run("model_check", lambda: self._model_check.take(output))
-
     def _restart(self) -> None:
         self.ingest.restart()
         self._pipeline.restart()
@@ -227,7 +224,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
     def _publish(self, output: Output | None) -> None:
         if output is None:
             return
-        self._check_model(output)
+        self.guard.run("model_check", partial(self._model_check.take, output))
         torque, friction, means = output.torque, output.friction, output.means
         if torque is not None and self._torque is not None:
             publish, encode = self._torque.publish, self._torque_writer.encode
@@ -235,7 +232,8 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         if friction is not None:
             send, write = self._friction.publish, self._friction_writer.encode
             self.guard.run("publish.joint_friction", lambda: send(write(friction)))
-        self.guard.run("publish.power", lambda: self.publish_power(means))
+        if means is not None:
+            self.guard.run("publish.power", partial(self.publish_power, means))
 
 
 main = partial(run, EnergyMonitor)

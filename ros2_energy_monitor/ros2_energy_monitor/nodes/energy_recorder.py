@@ -21,7 +21,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from robot_energy.foundation.errors import HistoryError, ParameterError
-from robot_energy.history.store import MAX_ROBOTS, HistoryStore
+from robot_energy_history.store import MAX_ROBOTS, HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.parameters import declare, folder_of

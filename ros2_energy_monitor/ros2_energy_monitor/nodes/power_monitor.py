@@ -22,6 +22,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.friction import FrictionReader
 from robot_energy.messages.torque import TorqueReader
 from robot_energy.physics.drivetrain import motor_rest
@@ -68,10 +69,11 @@ class PowerMonitor(AccountNode[PowerParameters]):
         settings = settings_of(self.parameters)
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
-        self._stage = PowerStage(self.model, settings)
+        condition = ConditionLearner(self.model, settings)
+        self._stage = PowerStage(self.model, settings, condition)
         response, rest = MeterResponse.of(self.model), motor_rest(self.model)
         account = EnergyAccount(len(self.model.joints), settings, response, rest)
-        self.keep_account(account, self._stage)
+        self.keep_account(account, condition)
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(self, JointTorque, TORQUE_TOPIC, reliable(depth), renew_after=renew)
@@ -126,7 +128,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)
-        self._loads.take()
+        if self._loads.loads:
+            self._loads.take()
         if frictions:
             self.guard.feed(
                 "joint_friction",
@@ -218,7 +221,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
         self._stage.restart()
 
     def _publish(self, means: MeanBlock | None) -> None:
-        self.guard.run("publish.power", lambda: self.publish_power(means))
+        if means is not None:
+            self.guard.run("publish.power", partial(self.publish_power, means))
 
 
 def _alike(batch: RawBatch) -> Iterator[RawBatch]:

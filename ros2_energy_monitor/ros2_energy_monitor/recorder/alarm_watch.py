@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from robot_energy.foundation.shown_text import shown
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.differences import Event
+from robot_energy_history.differences import Event
 from ros2_energy_monitor.diagnostics.reporter import SEVERITY
 
 LASTING = 10.0  # how long an alarm lasts before it is noted [s]

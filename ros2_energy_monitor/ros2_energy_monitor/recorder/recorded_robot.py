@@ -23,9 +23,9 @@ from ros2_energy_msgs.srv import ListIntervals
 
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.friction import FrictionDecoder
-from robot_energy.history.readings import ReadingDecoder
-from robot_energy.history.store import HistoryStore
+from robot_energy_history.friction import FrictionDecoder
+from robot_energy_history.readings import ReadingDecoder
+from robot_energy_history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, REGISTERS_TOPIC, latched, reliable

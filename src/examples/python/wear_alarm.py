@@ -16,7 +16,7 @@ plant = random_profile("kr16", 3)
 program = random_program(plant.motion_limits(plant.mechanics()[0]), 5)
 rig = VirtualRig(plant, program, rate_hz=RATE, start_temperature_degc=45.0)
 monitor = re.OnlineMonitor("kr16", effort="motor_torque")
-learned = monitor.pipeline.power.condition
+learned = monitor.pipeline.condition
 
 for minute in range((WORN_AFTER + 1) * 60):
     if minute == WORN_AFTER * 60:

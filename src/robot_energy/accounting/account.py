@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
+from robot_energy.accounting.power_curve import MAX_POWER
 from robot_energy.accounting.record import (
     AccountRecord,
     Calibrated,
@@ -30,9 +31,14 @@ from robot_energy.accounting.record import (
     Identity,
     TraceEntry,
 )
-from robot_energy.accounting.registers import CABINET_REGISTERS, Registers, ShaftEnergySums
+from robot_energy.accounting.registers import (
+    CABINET_REGISTERS,
+    MAX_GAP_NS,
+    Coverage,
+    Registers,
+    ShaftEnergySums,
+)
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
-from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.totals import Totals
 from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
@@ -47,12 +53,31 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     SupplyBlock,
 )
-from robot_energy.timeline.coverage import MAX_GAP_NS, Coverage
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
 _Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
+
+
+@dataclass(frozen=True)
+class AccountSettings:
+    """How power is averaged and which meter readings count.
+
+    Attributes:
+        power_period: Averaging period of the power states; None makes no means. [s]
+        meter_max_gap: Longest time between meter readings that is bridged. [s]
+        meter_max_power: Readings that say or imply more, either way, are refused. [W]
+        meter_wraps_at: Reading at which the meter's counter starts again from zero; None:
+            it never does. [J]
+        meter_unit: Unit the meter was said to use; empty for W or J.
+    """
+
+    power_period: float | None = 0.02
+    meter_max_gap: float = 2.0
+    meter_max_power: float = MAX_POWER
+    meter_wraps_at: float | None = None
+    meter_unit: str = ""
 
 
 class EnergyAccount:
@@ -116,6 +141,8 @@ class EnergyAccount:
     def measure(self, block: MeterBlock) -> None:
         """Take meter readings."""
         self.comparison.measure(block)
+        if block.location is not MeterLocation.UNKNOWN:
+            self.calibration.location = block.location
 
     def step(self, block: PowerBlock) -> MeanBlock | None:
         """Return the means of the periods that end with these power samples, or None.
@@ -173,10 +200,10 @@ class EnergyAccount:
     def _take_back(self, counters: _Counters) -> None:
         """Go back to what `_counters` gave; the time until the next sample is a gap."""
         sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
+        self.registers.time = time
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
             each.go_back(mark)
         self.counts.go_back(counts)
-        self.registers.set_time(time)
         if self.auxiliary is not None and loads is not None:
             self.auxiliary.go_back(loads)
         self.interrupt()
@@ -199,23 +226,17 @@ class EnergyAccount:
         self.judgement.step(compared)
         imported = intervals.energy[:, CABINET_REGISTERS.index("grid_import")]
         self.counts.count(block, imported, intervals.duration_ns)
-        if self.intervals.open_count:
+        if self.intervals.open_entries:
             self.intervals.step(greatest(block.grid_power))
         means = None
         if self._averager is not None:
             means = self._averager.step(block, intervals, shaft, compared)
-        self.calibration.meter(self.comparison.location)
         self.calibration.step(block, held, self.registers.held.open_ns, compared, means)
-        means = self._with_loads(means)
         if self.auxiliary is not None:
+            if means is not None:
+                means = replace(means, loads=self.auxiliary.shown(means.stamp_ns))
             self.auxiliary.step(block)
         return means, compared
-
-    def _with_loads(self, means: MeanBlock | None) -> MeanBlock | None:
-        """Add what is known of the auxiliary loads at the ends of the periods."""
-        if means is None or self.auxiliary is None:
-            return means
-        return replace(means, loads=self.auxiliary.shown(means.stamp_ns))
 
     def _compare(self, block: PowerBlock) -> Compared:
         """Compare as far as possible; power waits until it is known where the meter sits."""
@@ -227,8 +248,10 @@ class EnergyAccount:
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
             return Compared.empty()
-        supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
-        self._unplaced.clear()
+        supply: SupplyBlock = block
+        if self._unplaced:
+            supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
+            self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
 
     @property
@@ -352,8 +375,9 @@ class EnergyAccount:
         means = None if self._averager is None else self._averager.flush()
         if means is not None:
             self.calibration.finish(means)
-        means = self._with_loads(means)
         if self.auxiliary is not None:
+            if means is not None:
+                means = replace(means, loads=self.auxiliary.shown(means.stamp_ns))
             self.auxiliary.flush()
         return means
 

@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.exact_sum import PER_JOULE, ExactSum, add_saturating
 from robot_energy.accounting.record import AccountRecord, EventLog, Identity, Remainders
-from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Coverage
 from robot_energy.accounting.totals import (
     CABINET_DEVIATION_KEYS,
     CABINET_KEYS,
@@ -22,7 +22,6 @@ from robot_energy.accounting.totals import (
     saturated,
 )
 from robot_energy.timeline.blocks import Float, Int, Phase, Quality
-from robot_energy.timeline.coverage import Coverage
 
 if TYPE_CHECKING:
     from robot_energy.accounting.account import EnergyAccount

@@ -17,10 +17,10 @@ import numpy as np
 
 from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
+from robot_energy.accounting.registers import MAX_GAP_NS
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, PowerBlock
-from robot_energy.timeline.coverage import MAX_GAP_NS
 from robot_energy.timeline.pieces import CoveredPieces
 
 _COUNTS = ("known_ns", "missing_ns", "missing_count", "state_ns", "together_ns", "observed_ns")
@@ -192,7 +192,7 @@ class AuxiliaryAccount:
         if not len(done):
             return
         self._waiting = waiting[waiting.end_ns > until_ns]
-        start, end = int(done.start_ns[0]), int(done.end_ns[-1])
+        start, end = int(done.stamp_ns[0]), int(done.end_ns[-1])
         edges = np.unique(np.concatenate([done.edges, *(curve.edges for curve in self.curves)]))
         edges = edges[(edges >= start) & (edges <= end)]
         low, high = edges[:-1], edges[1:]

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.accounting.integration import SampleIntervals
-from robot_energy.accounting.load_curve import COLUMNS
-from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
-from robot_energy.accounting.settings import HOLD_NS
+from robot_energy.accounting.load_curve import COLUMNS, HOLD_NS
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SampleIntervals
 from robot_energy.certainty.band import Z90, BandKind, power_std
 from robot_energy.timeline.blocks import (
     NANOSECOND,
@@ -97,7 +95,7 @@ _TIMES, _SEEN = slice(1, 1 + len(Phase)), slice(1 + len(Phase), None)  # in `_Pi
 
 
 @dataclass(frozen=True)
-class _Pieces:
+class _Pieces(Block):
     """Parts of periods, one row each.
 
     Attributes:
@@ -110,14 +108,10 @@ class _Pieces:
             phase, -1 for none, shape (W, 1 + 2 phases). [ns] and [-]
     """
 
-    stamp_ns: Int
     shown: Float
     energy: Float
     quality: Bits
     counted: Int
-
-    def __getitem__(self, rows: slice) -> _Pieces:
-        return _Pieces(*(each[rows] for each in self.__dict__.values()))
 
     def go_on(self, carried: _Pieces, lead: int) -> None:
         """Put the open period before these pieces.
@@ -176,8 +170,8 @@ class Averager:
         )
         if carried is not None:
             pieces.go_on(carried, lead)
-        self._open = pieces[-1:]
-        return self._close(pieces[:-1]) if len(pieces.stamp_ns) > 1 else None
+        self._open = pieces[slice(-1, None)]
+        return self._close(pieces[slice(0, -1)]) if len(pieces) > 1 else None
 
     def _cut(
         self, block: PowerBlock, intervals: SampleIntervals, shaft: Float | None, bounds: Int,
@@ -260,10 +254,13 @@ class Averager:
         end = split + len(JOINT_REGISTERS) * n_joints
         deviation = power[:, end:-n_joints]
         measured = self._show(stamp)
+        held_ns, seen = ended.counted[:, _TIMES], ended.counted[:, _SEEN]
+        longest = held_ns == np.where(seen >= 0, held_ns, -1).max(axis=1, keepdims=True)
+        phase = np.where(longest, seen, -1).argmax(axis=1)  # of equal ones the later
         return MeanBlock(
             stamp_ns=stamp,
             quality=ended.quality,
-            phase=_longest(ended.counted[:, _TIMES], ended.counted[:, _SEEN]),
+            phase=phase,
             period=duration,
             coverage=np.minimum(np.maximum(share, 0.0), 1.0),
             cabinet=power[:, :split],
@@ -309,9 +306,3 @@ class Averager:
                 rows[index] = (*self._shown, (now - self._shown_ns) * NANOSECOND)
         self._compared = [waiting[slice(done, None)]] if done < len(waiting) else []
         return rows
-
-
-def _longest(held_ns: Int, seen: Int) -> Int:
-    """The phase of each piece that held longest, of equal ones the later, shape (pieces,)."""
-    longest = held_ns == np.where(seen >= 0, held_ns, -1).max(axis=1, keepdims=True)
-    return np.where(longest, seen, -1).argmax(axis=1)

@@ -9,6 +9,7 @@ delay and a low pass shows (`robot_energy.accounting.meter_response`); energies 
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import isfinite
@@ -18,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.integration import NO_SEGMENT
 from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
+from robot_energy.accounting.registers import NO_SEGMENT
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics import kernels
 from robot_energy.timeline.blocks import (
@@ -110,7 +111,7 @@ class Comparison(ExactSum):
         self.idle: Idle | None = None
         self.early_since_ns: int | None = None
         self.patience_ns = round(max(patience, 3 * max_gap) / NANOSECOND)
-        self._epochs: dict[int, _Epoch] = {0: self._epoch()}
+        self._epochs = defaultdict[int, _Epoch](self._epoch)
         self._measured_epoch = 0
         self._predicted_epoch = 0
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
@@ -154,13 +155,13 @@ class Comparison(ExactSum):
             if number:
                 self._beginning &= self.curve.left[number - 1] <= MAX_BEGINNING
                 if self._beginning:  # the first stamps were wrong
-                    first = self._epochs.setdefault(self._measured_epoch, self._epoch())
+                    first = self._epochs[self._measured_epoch]
                     first.measured, first.newest_ns = CoveredPieces.empty(), None
                 else:
                     self._measured_epoch += 1
             if self._measured_epoch - self._predicted_epoch >= MAX_EPOCHS:
                 self._adopt()
-            epoch = self._epochs.setdefault(self._measured_epoch, self._epoch())
+            epoch = self._epochs[self._measured_epoch]
             epoch.measured = epoch.measured.join(part)[slice(-MAX_PIECES, None)]
             if len(part):
                 epoch.newest_ns = int(part.end_ns[-1])
@@ -220,7 +221,7 @@ class Comparison(ExactSum):
             and self.curve.rejections.accepted - readings >= ALONE_READINGS
         )
         if waited and newest is not None and abs(newest - now_ns) < NEAR_NS:
-            epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
+            epoch = self._epochs[self._predicted_epoch]
             epoch.measured = self._epochs.pop(self._measured_epoch, self._epoch()).measured
             self._measured_epoch, self._led = self._predicted_epoch, None
 
@@ -234,14 +235,14 @@ class Comparison(ExactSum):
         if left_ns - now_ns < NEAR_NS or not len(after):
             return False
         pieces = before.measured
-        near = (pieces.end_ns > now_ns - ALONE_NS) & (pieces.start_ns < now_ns + NEAR_NS)
-        return not near.any() and now_ns - int(after.start_ns[0]) > ALONE_NS
+        near = (pieces.end_ns > now_ns - ALONE_NS) & (pieces.stamp_ns < now_ns + NEAR_NS)
+        return not near.any() and now_ns - int(after.stamp_ns[0]) > ALONE_NS
 
     def _adopt(self) -> None:
         """Compare what is predicted with the next epoch of the meter."""
         old = self._epochs.pop(self._predicted_epoch, self._epoch())
         self._predicted_epoch += 1
-        epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
+        epoch = self._epochs[self._predicted_epoch]
         epoch.predicted, epoch.done_ns, epoch.shown = old.predicted, old.done_ns, old.shown
 
     def _note_idle(self, first_ns: int, newest_ns: int, compared: bool) -> None:
@@ -272,18 +273,18 @@ class Comparison(ExactSum):
         begins = ~keep & (stamp[1:] > stamp[:-1])
         if not keep.all():
             pieces = pieces[keep]
-        epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
+        epoch = self._epochs[self._predicted_epoch]
         epoch.predicted = epoch.predicted.join(pieces)
         if self.meaning is not MeterMeaning.CUMULATIVE:
             epoch.shown.take(stamp_ns, power, begins)
 
     def _advance(self) -> Compared:
-        epoch = self._epochs.setdefault(self._predicted_epoch, self._epoch())
+        epoch = self._epochs[self._predicted_epoch]
         predicted, measured = epoch.predicted, epoch.measured
         result = Compared.empty()
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
-            start = int(max(predicted.start_ns[0], measured.start_ns[0]))
+            start = int(max(predicted.stamp_ns[0], measured.stamp_ns[0]))
             start = start if epoch.done_ns is None else max(start, epoch.done_ns)
             if until > start:
                 result, end_ns = self._integrate(predicted, measured, start, until)
@@ -297,7 +298,9 @@ class Comparison(ExactSum):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
                 epoch.predicted = predicted = predicted.after(int(oldest) - 1)
-            epoch.shown.forget(int(predicted.start_ns[0]))
+            epoch.shown.forget(int(predicted.stamp_ns[0]))
+        elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
+            epoch.shown.forget(self._last[0])
         return result
 
     def _as_shown(self, shown: ShownPower, compared: Compared, end_ns: Int) -> Compared:
@@ -353,7 +356,7 @@ def _compiled(
 
 
 def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
-    each = (curve.start_ns, curve.end_ns, curve.start_power, curve.end_power)
+    each = (curve.stamp_ns, curve.end_ns, curve.start_power, curve.end_power)
     return tuple(map(np.ascontiguousarray, each))
 
 

@@ -104,7 +104,7 @@ def add_compared(curve: EnergyCurve, compared: Compared) -> None:
         curve: A curve of three columns: measured, predicted as the meter shows it, drawn.
     """
     energy = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
-    curve.add(compared.available_ns, compared.duration_ns, energy)
+    curve.add(compared.stamp_ns, compared.duration_ns, energy)
 
 
 def add_means(curve: EnergyCurve, means: MeanBlock) -> None:

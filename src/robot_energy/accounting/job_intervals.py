@@ -23,18 +23,16 @@ class JobIntervals:
 
     An interval is the difference of two totals, so adjacent ones add up to the
     microjoule. Its bounds are stamps of counted samples.
+
+    Attributes:
+        open_entries: Those that are open, by their numbers.
     """
 
     def __init__(self) -> None:
         self.next_id = 1
-        self._open: dict[int, OpenInterval] = {}
+        self.open_entries: dict[int, OpenInterval] = {}
         self._peaks: dict[int, float] = {}
         self._closed: deque[EnergyInterval] = deque(maxlen=MAX_CLOSED)
-
-    @property
-    def open_count(self) -> int:
-        """How many are open."""
-        return len(self._open)
 
     def open(self, name: str, stamp_ns: int | None, totals: Totals) -> EnergyInterval:
         """Return a new interval that begins at the newest counted sample.
@@ -43,11 +41,11 @@ class JobIntervals:
             name: Unique among the open ones, 1 to 100 printable characters.
         """
         require_plain_text("an interval name", name, MAX_NAME, RegisterError)
-        if any(entry.name == name for entry in self._open.values()):
+        if any(entry.name == name for entry in self.open_entries.values()):
             raise RegisterError(
                 f"an interval '{name}' is open already", "another name", "close it first"
             )
-        if len(self._open) >= MAX_OPEN:
+        if len(self.open_entries) >= MAX_OPEN:
             raise RegisterError(
                 f"{MAX_OPEN} intervals are open", f"at most {MAX_OPEN}", "close one first"
             )
@@ -62,7 +60,7 @@ class JobIntervals:
             base=totals,
             peak_power_watt=None,
         )
-        self._open[self.next_id] = entry
+        self.open_entries[self.next_id] = entry
         self.next_id += 1
         return self._report(entry, stamp_ns, totals, is_open=True)
 
@@ -74,15 +72,15 @@ class JobIntervals:
         """
         found = [
             entry
-            for entry in self._open.values()
+            for entry in self.open_entries.values()
             if (entry.interval_id == interval_id if interval_id else entry.name == name)
         ]
         if not found:
-            names = ", ".join(f"'{entry.name}'" for entry in self._open.values())
+            names = ", ".join(f"'{entry.name}'" for entry in self.open_entries.values())
             what = f"number {interval_id}" if interval_id else f"'{shown(name)}'"
             raise RegisterError(f"no interval {what} is open", names or "an open interval; none is")
         closed = self._report(found[0], stamp_ns, totals, is_open=False)
-        del self._open[closed.interval_id]
+        del self.open_entries[closed.interval_id]
         self._peaks.pop(closed.interval_id, None)
         self._closed.append(closed)
         return closed
@@ -91,7 +89,7 @@ class JobIntervals:
         """Return the closed intervals, oldest first, then the open ones as they stand."""
         now = [
             self._report(entry, entry.start_ns if stamp_ns is None else stamp_ns, totals, True)
-            for entry in self._open.values()
+            for entry in self.open_entries.values()
         ]
         return [*self._closed, *now]
 
@@ -101,19 +99,19 @@ class JobIntervals:
         Args:
             peak_power: NaN for none. [W]
         """
-        for number in self._open:
+        for number in self.open_entries:
             self._peaks[number] = float(np.fmax(self._peaks.get(number, np.nan), peak_power))
 
     def rebase(self, totals: Totals) -> None:
         """Keep what open intervals have counted while the counters go back to zero."""
-        for number, entry in self._open.items():
-            self._open[number] = entry.model_copy(update={"base": entry.base - totals})
+        for number, entry in self.open_entries.items():
+            self.open_entries[number] = entry.model_copy(update={"base": entry.base - totals})
 
     def state(self) -> tuple[tuple[OpenInterval, ...], tuple[EnergyInterval, ...]]:
         """Return the open and the closed intervals."""
         entries = [
             entry.model_copy(update={"peak_power_watt": self._peak(entry)})
-            for entry in self._open.values()
+            for entry in self.open_entries.values()
         ]
         return tuple(entries), tuple(self._closed)
 
@@ -121,9 +119,9 @@ class JobIntervals:
         self, entries: Sequence[OpenInterval], closed: Sequence[EnergyInterval], next_id: int
     ) -> None:
         """Take over intervals of a state file; there must be none yet."""
-        self._open = {entry.interval_id: entry for entry in entries}
+        self.open_entries = {entry.interval_id: entry for entry in entries}
         self._closed.extend(closed)
-        used = max(self._open, default=0)
+        used = max(self.open_entries, default=0)
         self.next_id = min(max(next_id, used + 1), MAX_COUNTER)
 
     def _report(

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
-from robot_energy.accounting.settings import HOLD_NS
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.timeline.pieces import CoveredPieces
@@ -17,6 +16,7 @@ PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet
 STATE_WAIT_NS = 1_000_000_000  # for a state that was set but has not arrived
 UNKNOWN = -1  # number of a state that nobody has said
 MAX_KEPT = 100_000  # pieces and changes that wait for the robot
+HOLD_NS = 2_000_000_000  # a reading is the newest for so long, or for twice the time it covers [ns]
 COLUMNS = ("state", "remarks", "model_power", "measured_power", "measurement_age", "power")
 """What `LoadCurve.shown` gives of a load."""
 
@@ -184,7 +184,7 @@ class LoadCurve:
         refused = np.append(np.iinfo(np.int64).min, self._refused_ns)
         newest = refused[np.searchsorted(refused, stamp_ns, side="right") - 1]
         remarks = np.where(newest > end, int(Remark.METER_REFUSED), 0)
-        stale = old > np.maximum(HOLD_NS, 2 * (end - pieces.start_ns[row]))
+        stale = old > np.maximum(HOLD_NS, 2 * (end - pieces.stamp_ns[row]))
         remarks = np.where(stale, remarks | int(Remark.METER_STALE), remarks)
         remarks = np.where(place < 0, int(Remark.METER_MISSING), remarks)
         power = np.where(remarks == 0, pieces.mean_power[row], np.nan)

@@ -63,7 +63,7 @@ class MeterDiagnostics:
             return
         compared = Compared.concatenate(self._waiting)
         self._waiting.clear()
-        second = compared.available_ns // SECOND_NS
+        second = compared.stamp_ns // SECOND_NS
         measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
         predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
         self._drawn += int(measured[measured > 0].sum())

@@ -176,8 +176,10 @@ class ShownPower:
             end_ns: Within the samples that were followed, shape (K,). [ns]
         """
         rows = self._rows
-        if rows is None or not len(drawn) or self._same(rows):
+        if rows is None or not len(drawn):
             return drawn
+        if not (self._delay_ns or rows.behind.any() or rows.constant.any()):
+            return drawn  # the meter shows what is drawn
         own = np.searchsorted(rows.stamp_ns, end_ns, side="left") - 1
         first_ns, first_power = rows.first_ns[own], rows.first_power[own]
         begin, end = begin_ns - self._delay_ns, end_ns - self._delay_ns
@@ -186,10 +188,6 @@ class ShownPower:
         shown = _energy_at(rows, high, "left") - _energy_at(rows, low, "right")
         shown = np.where(high > low, shown, 0.0)
         return np.asarray(shown + first_power * (before_ns * NANOSECOND))
-
-    def _same(self, rows: _Followed) -> bool:
-        """Whether the meter shows what is drawn."""
-        return not (self._delay_ns or rows.behind.any() or rows.constant.any())
 
     def forget(self, before_ns: int) -> None:
         """Drop samples that no later interval asks for.
@@ -266,7 +264,7 @@ class LagEstimate:
             return
         energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
         table = np.column_stack(
-            [compared.available_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
+            [compared.stamp_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
         )
         stretches, known, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
         readings, _, self._reading = closed_sums(self._reading, table, READING_NS)

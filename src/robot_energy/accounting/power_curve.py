@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
 from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS
 
 BEGIN_NS = 100_000_000  # the same at first, when a reading before may be the wrong one
 MAX_POWER = 1e6  # no robot draws a megawatt, and the exact sums hold up to there [W]

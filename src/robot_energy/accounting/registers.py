@@ -7,21 +7,22 @@ held for 10 ms each and added when these have passed.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import ExactSum, add_saturating
-from robot_energy.accounting.integration import (
-    HeldEnergies,
-    HeldIntegrator,
-    SampleIntervals,
-    TrapezoidIntegrator,
-)
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.physics import kernels
 from robot_energy.physics.equations import interval_energy
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock
-from robot_energy.timeline.coverage import Coverage
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, PowerBlock, differences
 
+MAX_GAP_NS = 90 * 86_400 * 10**9  # a longer step between two samples is one of the clock [ns]
+MAX_ENERGY = 2e6  # of one interval, which sums exactly [J]
+NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
 JOINT_REGISTERS = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
 SHAFT_REGISTERS = (
@@ -34,31 +35,217 @@ PREDICTED = len(CABINET_REGISTERS)  # column of the first predicted shaft energy
 MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is not a measurement, does not fit the sums
 
 
+@dataclass
+class Coverage:
+    """How much of a recording was integrated: ``span = observed + gap``, exact in ns.
+
+    A step of the stamps that is longer than ``MAX_GAP_NS`` is not a gap: the clock was set, as
+    after a start in 1970, and how much time has passed is unknown. It is a jump, forward instead
+    of backward, and no time passes across it.
+
+    Attributes:
+        observed_ns: Time between finite samples of one segment. [ns]
+        gap_ns: Time between samples that could not be integrated. [ns]
+        jumps: Number of jumps of the stamps, backward or forward by more than
+            ``MAX_GAP_NS``; no time passes across one.
+        in_gap: Whether the last sample ended a gap, which may go on.
+    """
+
+    observed_ns: int = 0
+    gap_ns: int = 0
+    gap_count: int = 0
+    jumps: int = 0
+    start_ns: int | None = None
+    end_ns: int | None = None
+    in_gap: bool = field(default=False, compare=False, repr=False)
+
+    def take(self, elapsed: Int, observed: NDArray[np.bool_]) -> None:
+        """Count the time between samples.
+
+        Args:
+            elapsed: From the sample before to each sample, shape (N,), N >= 1. [ns]
+            observed: Whether that time was integrated, shape (N,).
+        """
+        if observed.all():
+            self.count(_total(elapsed), 0, 0, 0)
+            self.in_gap = False
+            return
+        jump = (elapsed < 0) | (elapsed > MAX_GAP_NS)
+        missing = ~observed & ~jump & (elapsed > 0)
+        begins = missing & ~np.concatenate([[self.in_gap], missing[:-1]])
+        self.count(
+            _total(elapsed[observed]), _total(elapsed[missing]), int(begins.sum()), int(jump.sum())
+        )
+        self.in_gap = bool(missing[-1])
+
+    def precede(self, earlier: Coverage) -> None:
+        """Put an earlier account before this one; what lies between is a gap, or a jump."""
+        between = 0
+        if earlier.end_ns is not None and self.start_ns is not None:
+            between = self.start_ns - earlier.end_ns
+        gap_ns = between if 0 < between <= MAX_GAP_NS else 0
+        self.count(
+            earlier.observed_ns,
+            earlier.gap_ns + gap_ns,
+            earlier.gap_count + (gap_ns > 0),
+            earlier.jumps + (between != gap_ns),
+        )
+        if earlier.start_ns is not None:
+            self.start_ns = earlier.start_ns
+        if self.end_ns is None:
+            self.end_ns = earlier.end_ns
+
+    def surround(self, before_ns: int, after_ns: int) -> None:
+        """Count time at both ends of which no sample could be used as gaps."""
+        for time_ns in (before_ns, after_ns):
+            self.count(0, time_ns, int(time_ns > 0), 0)
+        if self.start_ns is not None and self.end_ns is not None:
+            self.start_ns, self.end_ns = self.start_ns - before_ns, self.end_ns + after_ns
+
+    def count(self, observed_ns: int, gap_ns: int, gap_count: int, jumps: int) -> None:
+        """Count on; a counter that is full stays so."""
+        self.observed_ns = min(self.observed_ns + observed_ns, MAX_COUNTER)
+        self.gap_ns = min(self.gap_ns + gap_ns, MAX_COUNTER)
+        self.gap_count = min(self.gap_count + gap_count, MAX_COUNTER)
+        self.jumps = min(self.jumps + jumps, MAX_COUNTER)
+
+    @property
+    def span_ns(self) -> int:
+        """Time from first to last sample, without jumps. [ns]"""
+        return self.observed_ns + self.gap_ns
+
+    @property
+    def coverage(self) -> float:
+        """Observed share of the span; NaN before the second sample. [-]"""
+        return self.observed_ns / self.span_ns if self.span_ns else float("nan")
+
+
+def _total(durations: Int) -> int:
+    """Sum of durations, each at most ``MAX_GAP_NS``, exact. [ns]"""
+    if len(durations) and len(durations) * int(durations.max()) > MAX_COUNTER:
+        return sum(durations.tolist())
+    return int(durations.sum())
+
+
+@dataclass(frozen=True)
+class SampleIntervals:
+    """The intervals that end at the samples of a block.
+
+    Attributes:
+        duration_ns: Shape (N,); 0 where the interval is a gap or a jump. [ns]
+        energy: Energy of each interval, 0 across gaps, shape (N, R). [J]
+    """
+
+    duration_ns: Int
+    energy: Float
+
+
+@dataclass(frozen=True)
+class HeldEnergies(Block):
+    """Rows that have ended, with their integrals.
+
+    Attributes:
+        stamp_ns: Where each began, shape (M,). [ns]
+        phase: At that sample, shape (M,).
+        duration_ns: Integrated time, shape (M,). [ns]
+        energy: Shape (M, K). [J]
+    """
+
+    phase: NDArray[np.uint8]
+    duration_ns: Int
+    energy: Float
+
+
+class _Open(NamedTuple):
+    """The row that has not ended: where it began, its phase, its time so far, its values."""
+
+    stamp_ns: int
+    phase: int
+    duration_ns: int
+    values: Float
+
+
+class HeldIntegrator:
+    """Integrates held rows over the observed time by trapezoids, from where each begins.
+
+    A row is complete once the next one begins, so the cutting of the input makes no difference.
+    """
+
+    def __init__(self) -> None:
+        self._open: _Open | None = None
+
+    def step(self, block: PowerBlock, duration_ns: Int) -> HeldEnergies | None:
+        """Return what becomes complete with these power samples, if anything.
+
+        Args:
+            duration_ns: Observed time up to each sample, shape (N,). [ns]
+        """
+        held, before = block.deviation, self._open
+        starts = held.begins.nonzero()[0]
+        if not len(starts):
+            if before is not None:
+                time = before.duration_ns + int(duration_ns.sum())
+                self._open = before._replace(duration_ns=time)
+            return None
+        passed = np.cumsum(duration_ns)
+        upto, last = passed[starts], int(starts[-1])
+        stamp, phase = block.stamp_ns[starts], block.phase[starts]
+        values = held.values[held.row[starts]]
+        self._open = _Open(
+            int(stamp[-1]), int(phase[-1]), int(passed[-1] - passed[last]), values[-1]
+        )
+        time = upto[1:] - upto[:-1]
+        if before is not None:
+            stamp = np.concatenate([[before.stamp_ns], stamp])
+            phase = np.concatenate([np.array([before.phase], dtype=np.uint8), phase])
+            time = np.concatenate([[before.duration_ns + upto[0]], time])
+            values = np.concatenate([before.values[None], values])
+        if len(stamp) == 1:
+            return None
+        energy = (values[1:] + values[:-1]) * (time * (0.5 * NANOSECOND))[:, None]
+        np.clip(energy, -MAX_ENERGY, MAX_ENERGY, out=energy)
+        return HeldEnergies(stamp[:-1], phase[:-1], time, energy)
+
+    @property
+    def open_ns(self) -> int:
+        """Where the row began that is not complete, after the first sample. [ns]"""
+        return 0 if self._open is None else self._open.stamp_ns
+
+    @property
+    def open_energy(self) -> Float | float:
+        """Its integral so far, shape (K,). [J]"""
+        row = self._open
+        return 0.0 if row is None else row.values * (row.duration_ns * NANOSECOND)
+
+    def interrupt(self) -> None:
+        """Drop the row that is not complete."""
+        self._open = None
+
+
 class Registers(ExactSum):
-    """The energy registers of one robot: of the cabinet, of each joint, then the deviations."""
+    """The energy registers of one robot: of the cabinet, of each joint, then the deviations.
+
+    Attributes:
+        time: Account of observed and missing time.
+    """
 
     def __init__(self, n_joints: int) -> None:
         energies = len(CABINET_REGISTERS) + len(JOINT_REGISTERS) * n_joints
         super().__init__(energies + len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * n_joints)
         self.n_joints = n_joints
         self.deviations = slice(energies, None)
-        self._trapezoid = TrapezoidIntegrator()
+        self.time = Coverage()
+        self._last: tuple[int, int, Float] | None = None  # stamp, segment, powers
         self.held = HeldIntegrator()
 
-    @property
-    def time(self) -> Coverage:
-        """Account of observed and missing time."""
-        return self._trapezoid.time
-
-    def set_time(self, time: Coverage) -> None:
-        """Go back to an earlier account of time."""
-        self._trapezoid.time = time
-
-    @np.errstate(invalid="ignore")
+    @np.errstate(invalid="ignore", over="ignore")  # bad samples are gaps
     def step(
         self, block: PowerBlock, whole: bool = True
     ) -> tuple[SampleIntervals, HeldEnergies | None]:
         """Integrate a block.
+
+        An interval is a gap if a power at either end is not finite, or if its energy is more than a
+        register can take.
 
         Args:
             whole: Whether all energies are of use, or only that of the first register.
@@ -67,53 +254,65 @@ class Registers(ExactSum):
             The intervals, whose energies are in the order of `microjoule`, and the integrals of
             the deviations that became complete.
         """
-        if kernels.compiled is None:
-            intervals = self._trapezoid.step(block.stamp_ns, block.segment, _columns(block))
-            self.add(intervals.energy)
+        stamp, segment = block.stamp_ns, block.segment
+        if self._last is None:
+            self._last = int(stamp[0]), int(segment[0]), _columns(block[slice(0, 1)])[0]
+            self.time.start_ns = int(stamp[0])
+        elapsed = differences(stamp, self._last[0])
+        same = differences(segment, self._last[1]) == 0
+        observed = same & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
+        duration = np.where(observed, elapsed, 0) * NANOSECOND
+        found = self._compiled(block, duration, whole or self.nearly_full)
+        if found is not None:
+            energy, last = found
         else:
-            intervals = self._integrated(kernels.compiled, block, whole or self.nearly_full)
+            columns = _columns(block)
+            energy, greatest = interval_energy(columns, self._last[2], duration)
+            last = columns[-1].copy()
+            if not greatest <= MAX_ENERGY:
+                countable = (np.abs(energy) <= MAX_ENERGY).all(axis=1)
+                energy[~countable] = 0.0
+                observed &= countable
+            self.add(energy)
+        self.time.take(elapsed, observed)
+        self.time.end_ns = int(stamp[-1])
+        self._last = self.time.end_ns, int(segment[-1]), last
+        intervals = SampleIntervals(np.where(observed, elapsed, 0), energy)
         held = self.held.step(block, intervals.duration_ns)
         if held is not None:
             self.add(held.energy, self.deviations.start)
         return intervals, held
 
-    def _integrated(
-        self, compiled: kernels.Compiled, block: PowerBlock, all_of_use: bool
-    ) -> SampleIntervals:
-        """Integrate the powers behind the registers with the kernel."""
+    def _compiled(
+        self, block: PowerBlock, duration: Float, all_of_use: bool
+    ) -> tuple[Float, Float] | None:
+        """Add energies by the kernel, and return them with the last powers; None if it cannot."""
+        if kernels.compiled is None or self._last is None:
+            return None
         size = self.deviations.start
-        kept = size if all_of_use else 1
         whole, rest = np.zeros((2, size), dtype=np.int64)
-        sound = False
-
-        def energies(before: Float, duration: Float) -> tuple[Float, float, Float]:
-            nonlocal sound
-            energy, last = np.empty((kept, len(block))).T, np.empty(size)
-            before = np.ascontiguousarray(np.broadcast_to(before, size))
-            half = 0.5 * duration
-            sound = compiled.integrate(*_parts(block), before, half, last, energy, whole, rest)
-            if sound:
-                return energy, 0.0, last
-            columns = _columns(block)  # what is not a number or too much becomes a gap
-            return *interval_energy(columns, before, duration), columns[-1].copy()
-
-        intervals = self._trapezoid.integrate(
-            block.stamp_ns, block.segment, lambda: _columns(block[slice(0, 1)])[0], energies
-        )
-        if sound:
-            self.add_counted(whole, rest, intervals.energy)
-        else:
-            self.add(intervals.energy)
-        return intervals
+        energy = np.empty((size if all_of_use else 1, len(block))).T
+        before, last = np.ascontiguousarray(np.broadcast_to(self._last[2], size)), np.empty(size)
+        cabinet = (block.grid_power, block.brake_power, block.loss_dc, block.loss_grid,
+                   block.capacitor_power)  # fmt: skip
+        joints = block.rigid_power, block.friction_power, block.drive_loss
+        powers = tuple(map(np.ascontiguousarray, cabinet)), tuple(map(np.asfortranarray, joints))
+        rooms = last, energy, whole, rest
+        if not kernels.compiled.integrate(*powers, before, 0.5 * duration, *rooms):
+            return None  # what is not a number or too much becomes a gap
+        self.add_counted(whole, rest, energy)
+        return energy, last
 
     def reset(self) -> None:
         """Begin all registers and times at zero, at the newest sample."""
         super().reset()
-        self._trapezoid.reset()
+        self.time = Coverage(start_ns=self.time.end_ns, end_ns=self.time.end_ns)
 
     def interrupt(self) -> None:
-        """Let the time up to the next sample be a gap."""
-        self._trapezoid.interrupt()
+        """Let the time from the last to the next sample be a gap of its own, or a jump."""
+        self.time.in_gap = False
+        end_ns = self.time.end_ns
+        self._last = None if end_ns is None else (end_ns, NO_SEGMENT, np.full(1, np.nan))
         self.held.interrupt()
 
     @property
@@ -129,14 +328,6 @@ class Registers(ExactSum):
         """Return a register of every joint, shape (n,). [J]"""
         start = len(CABINET_REGISTERS) + JOINT_REGISTERS.index(name) * self.n_joints
         return self.joule[start : start + self.n_joints]
-
-
-def _parts(block: PowerBlock) -> tuple[tuple[Float, ...], tuple[Float, ...]]:
-    """What the kernel makes the same of: powers of the cabinet, and of each joint. [W]"""
-    cabinet = (block.grid_power, block.brake_power, block.loss_dc, block.loss_grid,
-               block.capacitor_power)  # fmt: skip
-    joint = block.rigid_power, block.friction_power, block.drive_loss
-    return tuple(map(np.ascontiguousarray, cabinet)), tuple(map(np.asfortranarray, joint))
 
 
 def _columns(block: PowerBlock) -> Float:

@@ -7,9 +7,9 @@ import stat
 from pathlib import Path
 
 from robot_energy.bag.metadata import FILE_NAME
+from robot_energy.foundation.files.first_bytes import MCAP
 
 LIBRARY = "robot_energy"  # in the header of every MCAP file that `BagWriter` makes
-_MAGIC = b"\x89MCAP0\r\n"
 _HEADER = 1  # opcode
 _MAX_HEADER_BYTES = 512
 _MAX_METADATA_BYTES = 2**20
@@ -28,7 +28,7 @@ def foreign_entries(folder: Path) -> list[str]:
 
 def _is_own(path: Path) -> bool:
     start = _start(path, _MAX_HEADER_BYTES)
-    if not start.startswith(_MAGIC) or start[8:9] != bytes([_HEADER]):
+    if not start.startswith(MCAP) or start[8:9] != bytes([_HEADER]):
         return False
     _, rest = _text(start[17:])  # profile and library, behind the length of the record
     library, _ = _text(rest)

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.mcap_records import MAGIC as MCAP
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import BagContents, McapSource, Report
 from robot_energy.bag.sqlite_source import MAX_MESSAGE_BYTES, MAX_VALUE_BYTES, SqliteSource
 from robot_energy.foundation.errors import BagError
-from robot_energy.foundation.files.first_bytes import MAX_MAGIC, SQLITE, named
+from robot_energy.foundation.files.first_bytes import MAX_MAGIC, MCAP, SQLITE, named
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 

@@ -20,10 +20,10 @@ from robot_energy.bag.sources import (
     broken_times,
 )
 from robot_energy.foundation.errors import BagError
+from robot_energy.foundation.files.first_bytes import SQLITE
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
 
-MAGIC = b"SQLite format 3\x00"
 MAX_VALUE_BYTES = 64 * 2**20
 """Longest row that is looked at, whosever it is. [bytes]"""
 MAX_MESSAGE_BYTES = 16 * 2**20
@@ -148,7 +148,7 @@ class SqliteSource:
         """Open the file so that nothing in it can run, write or grow."""
         try:
             with open_regular(self._path) as file:
-                if file.read(len(MAGIC)) != MAGIC:
+                if file.read(len(SQLITE)) != SQLITE:
                     raise self._unreadable("it is not a sqlite3 file")
         except OSError as error:
             raise self._unreadable(str(error.strerror)) from error

@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.accounting.integration import HeldEnergies
 from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
+from robot_energy.accounting.registers import HeldEnergies
 from robot_energy.certainty.band import (
     BUS,
     LOSS_GRID,
@@ -89,11 +89,6 @@ class BandCalibration:
         """Of them, those within the band of the standard deviation alone."""
         return int(self.counts[:, 2].sum())
 
-    def meter(self, location: MeterLocation) -> None:
-        """Say where the meter sits."""
-        if location is not MeterLocation.UNKNOWN:
-            self.location = location
-
     def reset(self) -> None:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)
@@ -135,7 +130,7 @@ class BandCalibration:
         self._last_ns = int(stamp[-1])
         jumps = (differences(stamp, before) < 0).nonzero()[0].tolist()
         bounds = [0, *jumps, len(block)]
-        pieces = _between_falls(compared.available_ns, len(jumps))
+        pieces = _between_falls(compared.stamp_ns, len(jumps))
         periods = _between_falls(
             np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
         )
@@ -161,7 +156,7 @@ class BandCalibration:
             self._noted.clear()
             self._note(noted)
         waiting = Compared.concatenate(self._waiting)
-        due = int(np.searchsorted(waiting.available_ns, second * SECOND_NS, side="right"))
+        due = int(np.searchsorted(waiting.stamp_ns, second * SECOND_NS, side="right"))
         self._waiting = [waiting[slice(due, None)]]
         scored = self._score(waiting[slice(0, due)])
         self._slot, self._slots = self._slot[-MAX_SLOTS:], self._slots[-MAX_SLOTS:]
@@ -200,7 +195,7 @@ class BandCalibration:
         energies = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
         table = np.column_stack(
             [
-                compared.available_ns,
+                compared.stamp_ns,
                 compared.duration_ns,
                 np.rint(energies * NANOJOULE_PER_JOULE).astype(np.int64),
             ]

@@ -33,7 +33,7 @@ class PowerErrorSums:
         """Take what became comparable."""
         if not len(compared):
             return
-        first = np.flatnonzero(differences(compared.available_ns, self._open_ns))
+        first = np.flatnonzero(differences(compared.stamp_ns, self._open_ns))
         if not len(first) or first[0] > 0:
             first = np.concatenate([np.zeros(1, dtype=np.int64), first])
             begun = self._open
@@ -47,7 +47,7 @@ class PowerErrorSums:
         readings = np.add.reduceat(values, first, axis=1)
         readings[:, 0] += begun
         self._close(readings[:, :-1])
-        self._open, self._open_ns = readings[:, -1], int(compared.available_ns[-1])
+        self._open, self._open_ns = readings[:, -1], int(compared.stamp_ns[-1])
 
     def _close(self, readings: Int) -> None:
         """Add readings, shape (3, K): energy error and energy [1/UNITS J], time [ns]."""

@@ -36,8 +36,8 @@ from robot_energy.timeline.blocks import (
     Float,
     Int,
     PowerBlock,
+    taken,
 )
-from robot_energy.timeline.hold import taken
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
 MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,16 @@ from robot_energy.condition.joint_friction import FrictionLearner, FrictionSampl
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
 from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
+from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import WearMonitor, WearState
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.timeline.blocks import (
+    Bits,
     Float,
     Int,
+    Learning,
     MeterBlock,
     MeterLocation,
     Phase,
@@ -37,20 +40,12 @@ from robot_energy.timeline.blocks import (
     sum_over_joints,
 )
 
+if TYPE_CHECKING:
+    from robot_energy.pipeline.settings import Settings
+
 SLOT_NS = 10_000_000  # of each, the first sample is learned from [ns]
 PART_NS = 5_000_000_000  # of stamps that are learned from together, whole slots [ns]
 STUCK = np.uint32(Quality.TEMPERATURE_STUCK)  # what warms unseen would be taken for wear
-
-
-class Learning(StrEnum):
-    """What is done with learned figures."""
-
-    OFF = "off"
-    """Nothing is learned."""
-    OBSERVE = "observe"
-    """Learned and published; predictions use the model file alone."""
-    APPLY = "apply"
-    """Predictions use the learned figures where they are valid."""
 
 
 class ConditionRecord(ConditionPart):
@@ -95,12 +90,22 @@ class _InUse:
 class ConditionLearner:
     """Learns multipliers on friction and the constant losses from power samples.
 
+    A `robot_energy.pipeline.power_stage.Condition`.
+
     Attributes:
+        learns: Whether anything is learned.
+        applies: Whether predictions use what was learned.
+        thermal: What estimates temperatures that no sensor measures.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
 
-    def __init__(self, model: RobotModel, learning: Learning, curve: MeterCurve) -> None:
-        self.learning = learning
+    def __init__(self, model: RobotModel, settings: Settings) -> None:
+        limits = settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at
+        assumed = settings.temperature_assumed
+        self.learning = Learning.OFF if assumed else settings.learning
+        self.learns = self.learning is not Learning.OFF
+        self.applies = self.learning is Learning.APPLY
+        self.thermal = ThermalObserver(model, not assumed, MeterCurve(*limits))
         self._model = model
         n_joints = len(model.joints)
         drivetrain = Drivetrain.from_model(model)
@@ -115,27 +120,11 @@ class ConditionLearner:
         self.meter = MeterFit(sum(self._losses))
         self.wear = WearMonitor(model.joint_names)
         self.end_ns: int | None = None
-        self._windows = MeterWindows(3, curve)  # predicted, friction, added
+        self._windows = MeterWindows(3, MeterCurve(*limits))  # predicted, friction, added
         self._readings: list[MeterBlock] = []  # since the last part
         self._begin_part()
         self._taught = (self.friction.table(), self.friction.valid)
         self._use = self._figures()
-
-    @property
-    def learns(self) -> bool:
-        """Whether anything is learned."""
-        return self.learning is not Learning.OFF
-
-    @property
-    def applies(self) -> bool:
-        """Whether predictions use what was learned."""
-        return self.learning is Learning.APPLY
-
-    @property
-    def offsets(self) -> tuple[float, float]:
-        """What is added to the constant losses of the DC side and of the grid side. [W]"""
-        offset = self._use.offset if self.applies else 0.0
-        return (offset, 0.0) if self._use.at_bus else (0.0, offset)
 
     @property
     def in_use(self) -> bool:
@@ -146,36 +135,62 @@ class ConditionLearner:
         """Take readings of the meter."""
         if self.learns:
             self._readings.append(block)
+        self.thermal.measure(block)
 
-    def cuts(self, stamp_ns: Int, before_ns: int) -> list[int]:
-        """Return where samples must be cut, so that what was learned holds from there on.
+    def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
+        """Cut where a part begins, if figures are applied, or a window.
 
-        Args:
-            stamp_ns: Shape (N,), N >= 1. [ns]
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.cuts`.
         """
+        windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
         if not self.applies:
-            return []
-        return np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
+            return windows
+        parts = np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
+        return [*windows, *parts]
 
-    def begin(self, stamp_ns: int) -> None:
-        """Let what was learned of the parts before a sample count."""
+    def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
+        """Learn from the part before, if it has ended.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.begin`.
+        """
         if self._part is not None and stamp_ns // PART_NS != self._part:
             self._end_part()
+        if self.thermal.on:
+            self.thermal.begin(stamp_ns, stuck)
 
-    def multiplier(self, motor_velocity: Float, motor_temperature_degc: Float) -> Float | None:
-        """Return the factor on the model's friction, shape (N, n); None for one everywhere. [-]
+    def estimate(
+        self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
+    ) -> tuple[Float, Float]:
+        """Leave temperatures to the thermal observer.
 
-        Args:
-            motor_velocity: Of samples within one part, shape (N, n). [rad/s]
-            motor_temperature_degc: Shape (N, n). [degC]
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
         """
-        use = self._use
-        if not self.applies or not (use.by_torque.any() or use.factor != 1.0):
-            return None
-        return self._multiplier(use, motor_velocity, motor_temperature_degc)
+        if not self.thermal.on:
+            return reading_degc, reading_degc
+        return self.thermal.estimate(reading_degc, viscous, std, shared, quality)
 
-    def step(self, block: PowerBlock) -> None:
-        """Take power samples, computed with the multiplier and the offsets in use."""
+    def learned(
+        self, motor_velocity: Float, motor_temperature_degc: Float
+    ) -> tuple[Float | float, float, float] | None:
+        """Return what counts in this part.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
+        """
+        if not self.in_use:
+            return None
+        use = self._use
+        factor: Float | float = 1.0
+        if use.by_torque.any() or use.factor != 1.0:
+            factor = self._multiplier(use, motor_velocity, motor_temperature_degc)
+        return (factor, use.offset, 0.0) if use.at_bus else (factor, 0.0, use.offset)
+
+    def step(self, block: PowerBlock, reading_degc: Float) -> None:
+        """Take the power of a part.
+
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.step`.
+        """
+        if self.thermal.on:
+            self.thermal.take(block, reading_degc)
         if not self.learns:
             return
         starts = list[int]()

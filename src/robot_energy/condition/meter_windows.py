@@ -125,10 +125,10 @@ class MeterWindows:
         limit = min(until_ns, int(stamp[-1]))
         ready = int(np.searchsorted(self._pieces.end_ns, limit, side="right"))
         pieces, self._pieces = self._pieces[slice(0, ready)], self._pieces[slice(ready, None)]
-        pieces = pieces[pieces.start_ns >= stamp[0]]
+        pieces = pieces[pieces.stamp_ns >= stamp[0]]
         if not len(pieces):
             return
-        spans = np.stack([pieces.start_ns, pieces.end_ns])
+        spans = np.stack([pieces.stamp_ns, pieces.end_ns])
         around = slice(
             int(np.searchsorted(stamp, int(spans[0, 0]), side="right")) - 1,
             int(np.searchsorted(stamp, int(spans[1, -1]))) + 1,

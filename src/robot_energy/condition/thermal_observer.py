@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
+from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows
 from robot_energy.condition.record import ThermalRecord, filled, flat
 from robot_energy.foundation.errors import StateFileError
@@ -29,13 +30,16 @@ from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
     PLAUSIBLE_DEGC,
+    Bits,
     Float,
     Int,
     MeterBlock,
     MeterLocation,
     Phase,
     PowerBlock,
+    Quality,
     differences,
+    mark,
 )
 
 WINDOW = WINDOW_NS * NANOSECOND  # s
@@ -87,10 +91,6 @@ class ThermalObserver:
         friction_degc: Temperature that the friction follows: that of the gear, else ``degc``,
             shape (n,). [degC]
         friction_std: Its standard deviation, shape (n,). [K]
-        viscous: fv at that temperature, motor side, shape (n,). [N m s/rad]
-        viscous_spread: Part of its standard deviation that comes from ``friction_std``, shape
-            (n,). [N m s/rad]
-        extrapolated: Whether the friction of a gear is outside its fitted range.
         stuck: Whose readings are not believed in this window, shape (n,).
         end_ns: End of the newest window that was taken; None before the first. [ns]
     """
@@ -107,14 +107,12 @@ class ThermalObserver:
         self.std = np.full(n_joints, np.nan)
         self.friction_degc, self.friction_std = self.degc.copy(), self.std.copy()
         self.gears = np.zeros(n_joints, dtype=np.bool_)
-        self.extrapolated = False
-        self.viscous, self.viscous_spread = self.degc.copy(), self.std.copy()
         self.stuck = np.zeros(n_joints, dtype=np.bool_)
         self.end_ns: int | None = None
-        self.windows = 0
         if not self.on:
             return
         self._friction = FrictionModel.from_model(model)
+        self._certainty = FrictionCertainty(model)
         own = [joint for joint, is_own in zip(joints, self._own, strict=True) if is_own]
         thermal = [joint.thermal for joint in own]
         self._heat = MotorHeat.of(thermal)
@@ -152,11 +150,6 @@ class ThermalObserver:
         self._publish()
 
     @property
-    def viscous_share(self) -> Float:
-        """Part of the standard deviation of fv that comes from ``friction_std``, (n,). [-]"""
-        return self.viscous_spread / np.where(self.viscous > 0.0, self.viscous, 1.0)
-
-    @property
     def learns(self) -> bool:
         """Whether there is a state to keep across restarts."""
         return self.on
@@ -173,7 +166,7 @@ class ThermalObserver:
             stamp_ns: Shape (N,), N >= 1. [ns]
             rising: Whether no stamp is older than the one before it.
         """
-        if not self.on or (rising and before_ns // WINDOW_NS == int(stamp_ns[-1]) // WINDOW_NS):
+        if rising and before_ns // WINDOW_NS == int(stamp_ns[-1]) // WINDOW_NS:
             return []
         return np.flatnonzero(differences(stamp_ns // WINDOW_NS, before_ns // WINDOW_NS)).tolist()
 
@@ -183,8 +176,6 @@ class ThermalObserver:
         Args:
             stuck: Whose readings stand still, shape (n,).
         """
-        if not self.on:
-            return
         window = stamp_ns // WINDOW_NS
         if window == self._window:
             return
@@ -196,13 +187,36 @@ class ThermalObserver:
         self.stuck = stuck.copy()
         self._publish()
 
-    def estimated(self, measured_degc: Float) -> NDArray[np.bool_]:
-        """Return where the estimate is used instead of a reading, shape of the argument.
+    def estimate(
+        self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
+    ) -> tuple[Float, Float]:
+        """Put estimates where no reading is believed, and let friction follow the gears.
 
-        Args:
-            measured_degc: Readings, NaN where there is none, shape (n,) or (N, n). [degC]
+        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
         """
-        return self._networks & (np.isnan(measured_degc) | self.stuck)
+        degc = reading_degc
+        if self.stuck.any() or not np.isfinite(degc.sum()):
+            estimated = self._networks & (np.isnan(degc) | self.stuck)
+            if estimated.any():
+                degc = degc.copy()
+                marked = np.logical_or.reduce(estimated, axis=1)
+                mark(quality, marked, Quality.TEMPERATURE_ESTIMATED)
+                of_motors = (self.degc, *self._followed[1:])
+                _put((degc, viscous, std, shared), of_motors, estimated)
+        if not self.geared.any():
+            return degc, degc
+        waiting = self.geared & ~self.gears
+        if waiting.any():  # the motor is known, not how warm its gear is
+            unknown = self._viscous_share * viscous
+            unknown[:, ~waiting] = 0.0
+            unknown[np.isnan(degc)] = 0.0
+            for values in (std, shared):
+                np.hypot(values, unknown, out=values)
+        friction_degc = degc.copy()
+        _put((friction_degc, viscous, std, shared), self._followed, self.gears)
+        if self._extrapolated:
+            quality |= np.uint32(Quality.EXTRAPOLATED)
+        return degc, friction_degc
 
     def take(self, block: PowerBlock, reading_degc: Float) -> None:
         """Take samples of one window: their heat, and what measured torque says of friction.
@@ -210,8 +224,6 @@ class ThermalObserver:
         Args:
             reading_degc: At the last of them, NaN where there is none, shape (n,). [degC]
         """
-        if not self.on:
-            return
         self._reading = reading_degc
         self._open.append(block)
 
@@ -377,8 +389,7 @@ class ThermalObserver:
             return
         segment = np.concatenate([block.segment for block in blocks])
         power = [
-            np.concatenate([block.supply.power_at(place) for block in blocks])[rows]
-            for place in PLACES
+            np.concatenate([block.power_at(place) for block in blocks])[rows] for place in PLACES
         ]
         phase = np.concatenate([block.phase for block in blocks])
         squares = (self._columns("motor_velocity") * self._turning())[rows]
@@ -457,7 +468,6 @@ class ThermalObserver:
 
     def _publish(self) -> None:
         """Hold the estimate for the window that begins."""
-        self.windows += 1
         self._x[:, :3] = np.clip(self._x[:, :3], *PLAUSIBLE_DEGC)
         self._x[:, GEAR] = np.clip(self._x[:, GEAR], *PLAUSIBLE_DEGC)
         std = np.sqrt(np.maximum(self._covariance[:, MOTOR, MOTOR], 0.0))
@@ -471,7 +481,19 @@ class ThermalObserver:
         self.friction_std[self._own] = np.where(gears, left, std)
         degc = self._whole(self.friction_degc[self._own])
         spread = np.where(self._own, self.friction_std, 0.0)
-        self.viscous = self._friction.viscous(degc)
+        viscous = self._friction.viscous(degc)
         colder, warmer = (self._friction.viscous(degc + way * spread) for way in (-1.0, 1.0))
-        self.viscous_spread = 0.5 * np.abs(colder - warmer)
-        self.extrapolated = bool((self._friction.extrapolated(degc) & self.gears).any())
+        viscous_spread = 0.5 * np.abs(colder - warmer)  # that comes from ``friction_std``
+        self._viscous_share = viscous_spread / np.where(viscous > 0.0, viscous, 1.0)
+        self._extrapolated = bool((self._friction.extrapolated(degc) & self.gears).any())
+        total, shared = self._certainty.std(self.friction_degc)
+        self._followed = (
+            self.friction_degc.copy(), viscous,
+            np.hypot(total, viscous_spread), np.hypot(shared, viscous_spread),
+        )  # fmt: skip
+
+
+def _put(values: tuple[Float, ...], estimates: tuple[Float, ...], where: NDArray[np.bool_]) -> None:
+    """Write estimates, shape (n,) each, into values, shape (N, n) each."""
+    for each, of_joints in zip(values, estimates, strict=True):
+        np.copyto(each, of_joints, where=where)

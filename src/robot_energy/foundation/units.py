@@ -6,6 +6,7 @@ from typing import Literal
 
 JOULE_PER_WH, JOULE_PER_KWH = 3.6e3, 3.6e6
 NANOJOULE_PER_JOULE = 1e9
+MICROJOULE = 1e-6  # [J]
 # What one of each is in SI.
 POWER_UNITS = {"W": 1.0, "kW": 1e3, "mW": 1e-3}
 ENERGY_UNITS = {"J": 1.0, "kJ": 1e3, "Wh": JOULE_PER_WH, "kWh": JOULE_PER_KWH}

@@ -29,7 +29,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TemperatureKind,
 )
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, checked_max_gap
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, checked_max_gap
 
 NO_JOINT = "-"  # a place of an array that is none of the model's joints
 

@@ -1,5 +1,11 @@
-"""Fields of our messages that others than their writers name, by our registers; imports nothing."""
+"""Topics, and fields of our messages, that others than their writers name; imports nothing."""
 
+# Of recordings that this tool makes, and the defaults of the nodes.
+JOINT_STATES_TOPIC = "/joint_states"
+TEMPERATURES_TOPIC = "/motor_temperatures"
+METER_TOPIC = "/power_meter"
+DRIVE_POWER_TOPIC = "/drive_power"
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 FRAME = "header.frame_id"
 RECORDING = "recording"  # as a frame: of a recording that is played, not of a robot
 ENERGY_REGISTERS = "ros2_energy_msgs/msg/EnergyRegisters"

@@ -12,16 +12,14 @@ from numpy.typing import NDArray
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.messages.fields import FRAME, RECORDING
+from robot_energy.messages.fields import FRAME, RECORDING, STAMP
 from robot_energy.timeline.blocks import Block
 from robot_energy.timeline.epochs import Reach
 from robot_energy.timeline.stamps import BAD_STAMP
 from robot_energy.timeline.streams import StreamSplitter
 
 B = TypeVar("B", bound=Block)
-HEADER = (
-    *("header.stamp.sec", "header.stamp.nanosec", FRAME, "model_id", "joint_names", "quality"),
-)
+HEADER = (*(*STAMP, FRAME, "model_id", "joint_names", "quality"),)
 
 
 class ModelMessageReader(Generic[B]):

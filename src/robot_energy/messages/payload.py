@@ -16,8 +16,10 @@ from robot_energy.bag.cdr.types import typestore as default_typestore
 from robot_energy.foundation.errors import PayloadError, RobotEnergyError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.messages.fields import FRAME, STAMP
 from robot_energy.model.payload import Payload, payload, several_carried
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.physics.urdf.parse import INERTIA
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.timeline.stamps import (
     BAD_STAMP,
     MAX_STAMP_NS,
@@ -30,15 +32,12 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 PAYLOAD = "ros2_energy_msgs/msg/Payload"
-STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 COM = ("x", "y", "z")
-INERTIA = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-"""Entries of `model.payload.Payload.inertia` by their names in ``geometry_msgs/Inertia``."""
 FIELDS = (
-    "header.frame_id",
+    FRAME,
     "inertia.m",
     *(f"inertia.com.{axis}" for axis in COM),
-    *(f"inertia.{entry}" for entry in INERTIA),
+    *(f"inertia.{entry}" for entry in INERTIA),  # as `model.payload.Payload` has them
 )
 FIELDS_OF_0_1 = ("link", "mass", "centre_of_mass", "inertia")
 """Fields of the message in release 0.1; its inertia has the order of `INERTIA`."""
@@ -110,7 +109,7 @@ class PayloadWriter:
         """Return one serialised message, shape (1, size)."""
         body = change.payload
         values = (body.mass, *body.centre_of_mass, *body.inertia)
-        encoder = Encoder(PAYLOAD, {"header.frame_id": body.link, "model_id": self._model_id})
+        encoder = Encoder(PAYLOAD, {FRAME: body.link, "model_id": self._model_id})
         return encoder.encode(
             {
                 **stamp_columns(np.array([change.from_ns])),

@@ -1,5 +1,6 @@
 """The power chain: pure functions over arrays, and the classes that take them from a model."""
 
+from robot_energy.physics.drivetrain import motor_torque, motor_velocity, rotor_torque
 from robot_energy.physics.equations import (
     Balance,
     constant_viscous,
@@ -11,7 +12,6 @@ from robot_energy.physics.equations import (
     table_viscous,
     trapezoid_energy,
 )
-from robot_energy.physics.transmission import motor_torque, motor_velocity, rotor_torque
 
 __all__ = [
     "Balance",

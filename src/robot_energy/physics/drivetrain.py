@@ -8,14 +8,130 @@ sides, ``motor_torque . motor_velocity = joint_torque . joint_velocity``, so
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from robot_energy.foundation.errors import ModelFileError, ShapeError
-from robot_energy.model.schema import RobotModel
-from robot_energy.physics.transmission import mapped, torque_map
 from robot_energy.timeline.blocks import Float
 
+if TYPE_CHECKING:
+    from robot_energy.model.schema import RobotModel
+
+MAX_CONDITION = 1e9  # of a transmission matrix
 ABOVE_STANDSTILL = 5.0  # slower motion than so many standstill velocities says little [-]
+
+
+def motor_velocity(joint_velocity: ArrayLike, transmission: ArrayLike) -> Float:
+    """Return motor velocities, ``motor_velocity = C joint_velocity`` (paper A, eq. 4).
+
+    Args:
+        joint_velocity: Shape (..., n). [rad/s] or [m/s]
+        transmission: C, gear ratios on the diagonal, wrist coupling off it, shape (n, n).
+            [motor turns per joint turn]
+
+    Returns:
+        Shape (..., n). [rad/s]
+
+    Raises:
+        ShapeError: If C is not a square matrix of as many joints.
+    """
+    return mapped(*_matching(transmission, joint_velocity))
+
+
+def motor_torque(joint_torque: ArrayLike, transmission: ArrayLike) -> Float:
+    """Return the motor torques that balance joint torques, ``C^-T joint_torque``.
+
+    The power is the same on both sides. Rotor inertia is not in it: see `rotor_torque`.
+
+    Args:
+        joint_torque: Shape (..., n). [N m] or [N]
+        transmission: C, shape (n, n). [motor turns per joint turn]
+
+    Returns:
+        Shape (..., n). [N m]
+
+    Raises:
+        ShapeError: If C is not a square matrix of as many joints, or cannot be inverted.
+    """
+    matrix, torque = _matching(transmission, joint_torque)
+    return mapped(torque_map(matrix), torque)
+
+
+def rotor_torque(
+    joint_acceleration: ArrayLike, transmission: ArrayLike, rotor_inertia: ArrayLike
+) -> Float:
+    """Return the torque that accelerates the rotors, ``J (C joint_acceleration)``.
+
+    Paper A has no such term.
+
+    Args:
+        joint_acceleration: Shape (..., n). [rad/s^2] or [m/s^2]
+        transmission: C, shape (n, n). [motor turns per joint turn]
+        rotor_inertia: J, motor side, shape (n,). [kg m^2]
+
+    Returns:
+        Motor side, shape (..., n). [N m]
+
+    Raises:
+        ShapeError: If C is not a square matrix of as many joints.
+    """
+    return motor_velocity(joint_acceleration, transmission) * np.asarray(rotor_inertia)
+
+
+def torque_map(transmission: Float) -> Float:
+    """Return ``C^-T``, which maps joint to motor torques, shape (n, n), in the inverse unit.
+
+    Args:
+        transmission: C, motor velocity per joint velocity, shape (n, n). [-], or [rad/m] where
+            the joint is prismatic
+    """
+    if not np.linalg.cond(transmission) < MAX_CONDITION:
+        raise ShapeError(
+            "gear ratios and coupling make a matrix that cannot be inverted",
+            "motors that move the joints independently",
+            "check the coupling ratios",
+        )
+    return np.linalg.inv(transmission).T
+
+
+def mapped(matrix: Float, values: Float) -> Float:
+    """Return each row times ``matrix``, in a fixed order of operations, shape (..., n).
+
+    A matrix product of a library may sum in an order that depends on the number of rows;
+    this one does not, so a sample gives the same bits in every block.
+
+    Args:
+        matrix: Shape (n, n). [any unit]
+        values: Shape (..., n). [any unit]
+    """
+    diagonal, coupling = _entries(matrix.tobytes(), len(matrix))
+    result = values * diagonal
+    for row, column, entry in coupling:
+        result[..., row] += entry * values[..., column]
+    return result
+
+
+@lru_cache(maxsize=64)
+def _entries(matrix: bytes, size: int) -> tuple[Float, list[tuple[int, int, float]]]:
+    """The diagonal of a matrix, and the place and value of every other entry that is not 0."""
+    whole = np.frombuffer(matrix).reshape(size, size)
+    diagonal = np.diagonal(whole)
+    places = np.argwhere(whole - np.diag(diagonal)).tolist()
+    return diagonal.copy(), [(row, column, float(whole[row, column])) for row, column in places]
+
+
+def _matching(transmission: ArrayLike, values: ArrayLike) -> tuple[Float, Float]:
+    """The transmission and the values as arrays of matching shapes."""
+    matrix, array = np.asarray(transmission, np.float64), np.asarray(values, np.float64)
+    if matrix.shape != 2 * array.shape[-1:]:
+        raise ShapeError(
+            f"the transmission has the shape {matrix.shape}, the values {array.shape}",
+            "(n, n) and (..., n)",
+        )
+    return matrix, array
 
 
 class Drivetrain:

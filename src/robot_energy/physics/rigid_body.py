@@ -79,6 +79,7 @@ class Robot:
     def _load(self, payload: Sequence[Payload]) -> None:
         """Carry these bodies and no others."""
         self.payload, self._model = tuple(payload), self._unloaded
+        self.payload_mass = float(sum(body.mass for body in payload))
         if payload:
             loaded = pin.Model(self._full)
             for body in payload:
@@ -122,11 +123,6 @@ class Robot:
         robot = self._copy()  # not read again: what it carries is all that differs
         robot._load(payload)
         return robot
-
-    @property
-    def payload_mass(self) -> float:
-        """Mass of the payload, all bodies together. [kg]"""
-        return float(sum(body.mass for body in self.payload))
 
     @property
     def moving_mass(self) -> float:

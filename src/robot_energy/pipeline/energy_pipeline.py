@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline.friction_stage import FrictionStage
@@ -56,6 +57,9 @@ class EnergyPipeline:
         model: The robot's model.
         settings: Windows, waiting and averaging.
 
+    Attributes:
+        condition: What is learned of the robot.
+
     Raises:
         RobotEnergyError: If the model cannot be used.
     """
@@ -65,7 +69,8 @@ class EnergyPipeline:
         self.model = model
         self.torque = TorqueStage(model, settings)
         self.friction = FrictionStage(model)
-        self.power = PowerStage(model, settings)
+        self.condition = ConditionLearner(model, settings)
+        self.power = PowerStage(model, settings, self.condition)
         self.account = EnergyAccount(
             len(model.joints), settings, MeterResponse.of(model), motor_rest(model)
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, Float, FrictionBlock, Int, differences
 from robot_energy.timeline.epochs import SLOW_NS
-from robot_energy.timeline.hold import first_needed, held_rows
+from robot_energy.timeline.stamps import first_needed, held_rows
 
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own

@@ -21,6 +21,7 @@ from robot_energy.inputs.meter.kinds import POWER_READING
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.temperatures.kinds import MOTOR_TEMPERATURES
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
+from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.replay.inputs import ModelName, effort_meaning, model_of
 from robot_energy.replay.power_table import empty_table, sample_table
@@ -29,9 +30,6 @@ from robot_energy.timeline.blocks import EffortMeaning, Int, MeterLocation, Mete
 from robot_energy.timeline.time_series import TimeSeries
 
 OptionalArray = ArrayLike | None
-JOINT_STATES_TOPIC = "/joint_states"
-TEMPERATURES_TOPIC = "/motor_temperatures"
-METER_TOPIC = "/power_meter"
 LOCATIONS = {"grid": MeterLocation.GRID, "dc_bus": MeterLocation.DC_BUS}
 
 

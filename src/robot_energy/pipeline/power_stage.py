@@ -2,43 +2,220 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+from typing import Protocol
 
-from robot_energy.accounting.power_curve import MeterCurve
+import numpy as np
+from numpy.typing import NDArray
+
 from robot_energy.certainty.deviation import (
     CABINET_DEVIATIONS,
     JOINT_DEVIATIONS,
     PowerDeviation,
 )
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.condition.learner import ConditionLearner, Learning
-from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
+from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FallbackUse, FrictionTimeline
 from robot_energy.pipeline.settings import Settings
-from robot_energy.pipeline.supply import OF_CABINET, SupplyStage
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
     Float,
     FrictionBlock,
+    HeldRows,
     Int,
     MeterBlock,
+    Phase,
     PowerBlock,
     Quality,
     TorqueBlock,
     differences,
     mark,
+    sum_over_joints,
 )
-from robot_energy.timeline.hold import HeldRows
 
+MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
 NEVER = 1e9  # s, some thirty years
 HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns]
 NO_SLOT = -1  # before the first sample
+
+
+class SupplyStage:
+    """Drives and cabinet of a robot.
+
+    Args:
+        settings: What the effort is, which shows what motors hold at rest.
+    """
+
+    def __init__(self, model: RobotModel, settings: Settings) -> None:
+        self.drive = drive_from_model(model)
+        self.cabinet = CabinetStage(model.cabinet)
+        self.hold = HoldTorque(model, settings.effort)
+        self._standstill = motor_standstill(model)
+        self._fallback_degc = model.temperature.fallback_degc
+
+    def standing(self, motor_velocity: Float) -> NDArray[np.bool_]:
+        """Return where motors stand, same shape.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+        """
+        return np.asarray(np.abs(motor_velocity) <= self._standstill)
+
+    def winding(self, motor_temperature_degc: Float) -> Float:
+        """Return the temperature of windings; where none is known, that of the model. [degC]
+
+        Args:
+            motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
+        """
+        unknown = np.isnan(motor_temperature_degc)
+        return np.where(unknown, self._fallback_degc, motor_temperature_degc)
+
+    def drawn(
+        self, shaft: Float, speed: Float, wound: Float, winding: Float, quality: Bits
+    ) -> Float:
+        """Return the input power of every drive, shape (N, n). [W]
+
+        Args:
+            shaft: Shaft power, shape (N, n). [W]
+            speed: Motor velocity, same shape. [rad/s]
+            wound: Torque in the windings, same shape. [N m]
+            winding: Their temperature, same shape. [degC]
+            quality: Marked in place where a drive is outside its map, shape (N,).
+        """
+        power, extrapolated = self.drive.input_power(shaft, speed, wound, winding)
+        if extrapolated is not None:
+            mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
+        return power
+
+    def balance(
+        self, block: TorqueBlock | PowerBlock, drawn: Float, standing: NDArray[np.bool_],
+        quality: Bits,
+    ) -> tuple[Float, Balance, NDArray[np.uint8]]:  # fmt: skip
+        """Return the power of the bus [W], what the cabinet makes of it, and the phase, (N,) each.
+
+        Args:
+            block: Samples in time order, behind those before.
+            drawn: By every drive, shape (N, n). [W]
+            standing: Where motors stand, shape (N, n).
+            quality: Marked in place where the power is not finite, shape (N,).
+        """
+        bus = sum_over_joints(drawn)
+        bus[np.abs(bus) > MAX_POWER] = np.nan
+        balance = self.cabinet.step(block.stamp_ns, block.segment, bus)
+        finite = np.isfinite(balance.grid_power)
+        mark(quality, ~finite, Quality.NOT_FINITE)
+        phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
+        phase[standing.all(axis=1)] = Phase.HOLD
+        phase[bus + balance.loss_dc < 0] = Phase.GENERATING
+        phase[~finite] = Phase.UNKNOWN
+        return bus, balance, phase
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def again(self, power: PowerBlock) -> PowerBlock:
+        """Return power as these drives and this cabinet make it; torque and friction stay.
+
+        Args:
+            power: Of a model that differs in nothing else; in time order.
+        """
+        speed, standing = power.motor_velocity, self.standing(power.motor_velocity)
+        quality = power.quality & ~np.uint32(Quality.DRIVE_EXTRAPOLATED | Quality.NOT_FINITE)
+        wound, _ = self.hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)
+        shaft = power.rigid_power + power.friction_power
+        winding = self.winding(power.motor_temperature_degc)
+        drawn = self.drawn(shaft, speed, wound, winding, quality)
+        bus, balance, phase = self.balance(power, drawn, standing, quality)
+        return replace(
+            power,
+            quality=quality,
+            phase=phase,
+            drive_loss=drawn - shaft,
+            bus_power=bus,
+            **balance.__dict__,
+        )
+
+
+class Condition(Protocol):
+    """What is learned of one robot while it runs, and how it counts in its power.
+
+    Samples are cut at `cuts`; for each part in the order of time come `begin`, `estimate`,
+    `learned` and `step`. So what a part has taught counts from the next one on.
+    """
+
+    def measure(self, block: MeterBlock) -> None:
+        """Take readings of the meter."""
+        ...
+
+    def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
+        """Return before which samples to cut, in any order.
+
+        Args:
+            stamp_ns: Shape (N,), N >= 1. [ns]
+            before_ns: Stamp before the first. [ns]
+            rising: Whether no stamp is older than the one before it.
+        """
+        ...
+
+    def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
+        """Begin a part at a stamp.
+
+        Args:
+            stuck: Whose temperature readings stand still, shape (n,).
+        """
+        ...
+
+    def estimate(
+        self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
+    ) -> tuple[Float, Float]:
+        """Return temperatures of the motors, and those that friction follows, (N, n) each. [degC]
+
+        Args:
+            reading_degc: NaN where there is none, shape (N, n), not to be written to. [degC]
+            viscous: At these readings, changed in place as the next two, shape (N, n). [N m s/rad]
+            std: Its deviation, shape (N, n). [N m s/rad]
+            shared: Part of that which errs alike at all joints, shape (N, n). [N m s/rad]
+            quality: Marked in place, shape (N,).
+        """
+        ...
+
+    def learned(
+        self, motor_velocity: Float, motor_temperature_degc: Float
+    ) -> tuple[Float | float, float, float] | None:
+        """Return learned figures to be used; None where the model file holds.
+
+        Args:
+            motor_velocity: Shape (N, n). [rad/s]
+            motor_temperature_degc: That friction follows, shape (N, n). [degC]
+
+        Returns:
+            Factor on friction, shape (N, n) or one for all [-]; what is added to the constant
+            losses of the DC side and of the grid side [W].
+        """
+        ...
+
+    def step(self, block: PowerBlock, reading_degc: Float) -> None:
+        """Take the power of the part.
+
+        Args:
+            reading_degc: Temperatures read at its end, NaN where there are none, (n,). [degC]
+        """
+        ...
+
+    def restart(self) -> None:
+        """Drop what waits, as after an error."""
+        ...
+
+    def flush(self) -> None:
+        """Learn from what waits, as at the end of a bag."""
+        ...
 
 
 class PowerStage:
@@ -49,13 +226,12 @@ class PowerStage:
     does not depend on the order in which topics were delivered.
 
     Attributes:
-        watch: Which temperatures are stuck; they are flagged, and stay in use where ``thermal``
+        watch: Which temperatures are stuck; they are flagged, and stay in use where ``condition``
             has no estimate, as the motor is at least as warm.
         fallback_use: How many samples had to do without a temperature, and why.
     """
 
-    def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
-        settings = settings or Settings()
+    def __init__(self, model: RobotModel, settings: Settings, condition: Condition) -> None:
         self._settings = settings
         self._friction = FrictionModel.from_model(model)
         self._supply = SupplyStage(model, settings)
@@ -73,15 +249,8 @@ class PowerStage:
         self._slot, self._finite = NO_SLOT, True  # of the newest sample
         self._waiting: TorqueBlock | None = None
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
-        limits = (settings.meter_max_gap, settings.meter_max_power, settings.meter_wraps_at)
-        self.thermal = ThermalObserver(model, not self._assumed, MeterCurve(*limits))
-        self._certainty = FrictionCertainty(model)
-        self._estimated: tuple[int, tuple[Float, ...]] | None = None  # and the window it is for
-        self.condition = ConditionLearner(
-            model,
-            Learning.OFF if self._assumed else settings.learning,
-            MeterCurve(*limits),
-        )
+        self._fallback_shared_std = FrictionCertainty(model).fallback_shared_std
+        self._condition = condition
 
     def friction(self, block: FrictionBlock) -> None:
         """Take friction coefficients, each row valid from its stamp onward.
@@ -93,8 +262,7 @@ class PowerStage:
 
     def measure(self, block: MeterBlock) -> None:
         """Take readings of the meter, to learn from."""
-        self.condition.measure(block)
-        self.thermal.measure(block)
+        self._condition.measure(block)
 
     @property
     def friction_rows(self) -> int:
@@ -120,13 +288,13 @@ class PowerStage:
     def restart(self) -> None:
         """Drop what waits, as after an error."""
         self._waiting = None
-        self.condition.restart()
+        self._condition.restart()
 
     def flush(self) -> PowerBlock | None:
         """Return the power at what still waits, as at the end of a bag."""
         block, self._waiting = self._waiting, None
         power = self._release(block) if block is not None else None
-        self.condition.flush()
+        self._condition.flush()
         return power
 
     def _release(self, block: TorqueBlock) -> PowerBlock:
@@ -135,15 +303,12 @@ class PowerStage:
         before = int(stamp[0]) if self._last_ns is None else self._last_ns
         self._last_ns = int(stamp[-1])
         jumps = (differences(stamp, before) < 0).nonzero()[0].tolist()
-        windows = self.thermal.cuts(stamp, before, not jumps)
-        cuts = sorted({*jumps, *windows, *self.condition.cuts(stamp, before)})
+        cuts = sorted({*jumps, *self._condition.cuts(stamp, before, not jumps)})
         parts: list[PowerBlock] = []
         for start, stop in zip([0, *cuts], [*cuts, len(block)], strict=True):
             if stop > start:
-                self.condition.begin(int(stamp[start]))
-                self.thermal.begin(int(stamp[start]), self.watch.stuck)
+                self._condition.begin(int(stamp[start]), self.watch.stuck)
                 parts.append(self._power(block[slice(start, stop)] if cuts else block))
-                self.condition.step(parts[-1])
             if stop in jumps:
                 self._slot = NO_SLOT
                 self._timeline.jump_back(int(stamp[stop]))
@@ -153,17 +318,17 @@ class PowerStage:
     def _power(self, block: TorqueBlock) -> PowerBlock:
         quality = block.quality.copy()
         speed, rigid = block.motor_velocity, block.motor_torque_rigid
-        coulomb, viscous, *deviations, degc, measured_degc = self._coefficients(
+        coulomb, viscous, *deviations, measured_degc, degc, friction_degc = self._coefficients(
             block.stamp_ns, quality
         )
-        friction_degc = degc
-        if self.thermal.geared.any():
-            friction_degc = self._follow_gears(degc, quality, viscous, *deviations)
         standing = self._supply.standing(speed)
         friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
-        learned = self.condition.multiplier(speed, friction_degc)
+        learned, cabinet = self._condition.learned(speed, friction_degc), self._supply.cabinet
+        cabinet.offset_dc = cabinet.offset_grid = 0.0
         if learned is not None:
-            coulomb, viscous, friction = coulomb * learned, viscous * learned, friction * learned
+            factor, cabinet.offset_dc, cabinet.offset_grid = learned
+            coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
+            quality |= np.uint32(Quality.LEARNED)
         torque = rigid + friction
         direction = self._hold.follow(speed)
         wound, held_std = torque, None
@@ -182,10 +347,6 @@ class PowerStage:
         )
         if stuck is not None and not self._assumed:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
-        cabinet = self._supply.cabinet
-        cabinet.offset_dc, cabinet.offset_grid = self.condition.offsets
-        if self.condition.in_use:
-            quality |= np.uint32(Quality.LEARNED)
         bus, balance, phase = self._supply.balance(block, drawn, standing, quality)
         turning = np.where(standing, 0.0, speed)
         of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
@@ -211,9 +372,9 @@ class PowerStage:
             payload_mass=block.payload_mass,
             bus_power=bus,
             deviation=deviation,
-            **{name: getattr(balance, name) for name in OF_CABINET},
+            **balance.__dict__,
         )
-        self.thermal.take(power, measured_degc[-1])
+        self._condition.step(power, measured_degc[-1])
         return power
 
     def _deviations(
@@ -245,14 +406,14 @@ class PowerStage:
         return HeldRows(held, np.cumsum(begins) - int(begins[0]), begins)
 
     def _coefficients(self, stamp_ns: Int, quality: Bits) -> tuple[Float, ...]:
-        """Friction valid at each stamp: Coulomb, viscous, its deviations, temperature, reading.
+        """Friction valid at each stamp: Coulomb, viscous, its deviations; and temperatures.
 
-        The reading is NaN where missing or stale; the temperature is the reading, or an
-        estimate.
+        These are the readings, NaN where missing or stale; the same or estimates; and what
+        friction follows.
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, std, shared, temperature = (
+        coulomb, viscous, std, shared, reading = (
             values.T.take(row, axis=1).T
             for values in (
                 line.coulomb,
@@ -268,60 +429,9 @@ class PowerStage:
             stale = stamp_ns[:, None] > deadline[row]
             viscous = np.where(stale, line.viscous_fallback[row], viscous)
             std = np.where(stale, line.viscous_fallback_std[row], std)
-            shared = np.where(stale, np.minimum(self._certainty.fallback_shared_std, std), shared)
-            temperature = np.where(stale, np.nan, temperature)
+            shared = np.where(stale, np.minimum(self._fallback_shared_std, std), shared)
+            reading = np.where(stale, np.nan, reading)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
-        reading, thermal = temperature, self.thermal
-        lacks = thermal.on and bool(thermal.stuck.any() or not np.isfinite(reading.sum()))
-        if lacks and (estimated := thermal.estimated(reading)).any():
-            temperature = reading.copy()
-            found = (temperature, viscous, std, shared)  # own copies of the rows
-            values_of = (thermal.degc, *self._estimate()[1:])
-            if whole := bool(estimated.all()):
-                quality |= np.uint32(Quality.TEMPERATURE_ESTIMATED)
-            else:
-                marked = np.logical_or.reduce(estimated, axis=1)
-                mark(quality, marked, Quality.TEMPERATURE_ESTIMATED)
-            for values, of_motors in zip(found, values_of, strict=True):
-                np.copyto(values, of_motors, where=True if whole else estimated)
-        self.fallback_use.note(stamp_ns, temperature, seen[row[-1]], self._timeline)
-        return coulomb, viscous, std, shared, temperature, reading
-
-    def _follow_gears(
-        self, degc: Float, quality: Bits, viscous: Float, std: Float, shared: Float
-    ) -> Float:
-        """Let friction follow the gears; return the temperature it follows, shape (N, n). [degC]
-
-        Args:
-            degc: Motor temperatures, shape (N, n). [degC]
-            viscous: Of the motor temperatures, its deviation, and the part of it that errs alike at
-                all joints; own copies, changed in place, shape (N, n).
-        """
-        gears = self.thermal.gears
-        waiting = self.thermal.geared & ~gears
-        if waiting.any():  # the motor is known, not how warm its gear is
-            unknown = self.thermal.viscous_share * viscous
-            unknown[:, ~waiting] = 0.0
-            unknown[np.isnan(degc)] = 0.0
-            for values in (std, shared):
-                np.hypot(values, unknown, out=values)
-        followed = degc.copy()
-        found = (followed, viscous, std, shared)
-        for values, of_joints in zip(found, self._estimate(), strict=True):
-            np.copyto(values, of_joints, where=gears)
-        if self.thermal.extrapolated:
-            quality |= np.uint32(Quality.EXTRAPOLATED)
-        return followed
-
-    def _estimate(self) -> tuple[Float, ...]:
-        """Estimated temperature of the friction: viscous, its deviations; shape (n,) each."""
-        thermal = self.thermal
-        if self._estimated is None or self._estimated[0] != thermal.windows:
-            degc = thermal.friction_degc
-            total, shared = self._certainty.std(degc)
-            spread = thermal.viscous_spread
-            values = (
-                degc.copy(), thermal.viscous, np.hypot(total, spread), np.hypot(shared, spread),
-            )  # fmt: skip
-            self._estimated = (thermal.windows, values)
-        return self._estimated[1]
+        degc, friction_degc = self._condition.estimate(reading, viscous, std, shared, quality)
+        self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self._timeline)
+        return coulomb, viscous, std, shared, reading, degc, friction_degc

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from robot_energy.accounting.settings import AccountSettings
-from robot_energy.condition.learner import Learning
-from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy.timeline.gaps import BY_PERIOD
+from robot_energy.accounting.account import AccountSettings
+from robot_energy.timeline.blocks import EffortMeaning, Learning
+from robot_energy.timeline.stamps import BY_PERIOD
 
 
 @dataclass(frozen=True)

@@ -1,116 +1,37 @@
-"""Replay of a bag: where its energy went."""
+"""Replay of bags: where their energy went, and what they teach of the robot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.bag.time_range import TimeRange
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.condition.learner import ConditionRecord, Learning
-from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.errors import BagError, ParameterError
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
-from robot_energy.foundation.signature import check_options, lists
-from robot_energy.inputs.parameters import HEADER, RECEIVE, Parameter
-from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel, with_fixed_friction
-from robot_energy.pipeline import Output, Settings
+from robot_energy.pipeline import Output
 from robot_energy.replay import bag_replay
 from robot_energy.replay.bag_replay import Replay
-from robot_energy.replay.inputs import (
-    ModelName,
-    driver_inputs,
-    effort_meaning,
-    member_named,
-    model_of,
-)
+from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.options import ReplayOptions
 from robot_energy.replay.power_table import empty_table, period_table, sample_table
-from robot_energy.replay.recorded_jobs import load_jobs
-from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
+from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import PowerBlock
 from robot_energy.timeline.time_series import TimeSeries
 
-NONE = "none"  # instead of a topic: use none of the bag's
 FALLBACK = "fallback"  # instead of a temperature: the model's
 FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed; the command refuses the same
-SETTINGS = ("derivative_window", "temperature_wait", "max_gap", "meter_max_gap", "power_period")
-CHECKED = (
-    *(Parameter(name, float, MISSING, low=1e-6, high=1e6)
-      for name in ("power_period", "derivative_window", "meter_max_gap")),
-    *(Parameter(name, float, MISSING, low=0.0, high=1e6)
-      for name in ("temperature_wait", "max_gap")),
-    *(Parameter(name, float, MISSING, low=-1e9, high=1e9) for name in ("start", "end")),
-    Parameter("reorder_window", float, MISSING, low=0.0, high=0.5),
-    Parameter("stamp_source", str, MISSING, choices=(HEADER, RECEIVE)),
-    Parameter("processes", int, MISSING, low=1, high=3),
-)  # fmt: skip
-
-
-class ReplayOptions(TypedDict, total=False):
-    """What is read and how, under the names of the command's options; all may be left out.
-
-    Attributes:
-        joint_states: Topic of joint states; several where each brings some of the joints.
-        temperatures: Topics of motor temperatures; ``none`` to use none of the bag's.
-        meter: Topic of the power meter.
-        payload: Topic of payloads set at run time; ``none`` to use none of the bag's.
-        inputs: Parameter file of a monitor: read the bag as that node reads its topics.
-        robot: Name of a robot whose driver is known (`robot-energy kinds` lists them): its
-            inputs count where ``inputs`` says nothing.
-        effort: What the effort in the joint states is: ``none``, ``motor_current``,
-            ``motor_torque`` or ``joint_torque``.
-        stamp_source: What dates joint states: ``header`` or ``receive``.
-        reorder_window: Window in which joint states that overtook each other are sorted. [s]
-        derivative_window: Window behind an acceleration; 2.5 times as long without velocities. [s]
-        temperature_wait: How long torque waits for late temperatures. [s]
-        max_gap: Longest time between two joint states that is bridged; 0: five times their
-            usual period, 0.1 s to 1 s. [s]
-        meter_max_gap: Longest time between meter readings that is bridged. [s]
-        start: Read the bag from here on: after its start, negative: before its end. [s]
-        end: Read the bag up to here, likewise. [s]
-        jobs: File of jobs and cycles to count.
-        learning: What is learned of friction and constant losses: ``off``, ``observe`` (default)
-            or ``apply``, to predict with it.
-        learned: What an earlier recording has taught, the `state` of its learner.
-        processes: 2: a process of its own reads the bag and computes torque, ahead of this one;
-            3: reading and torque are two. No figure changes.
-        out: Folder of a new bag for the energy topics.
-        overwrite: Whether an existing ``out`` may be replaced.
-        progress: Called with the share done, 0 to 1.
-    """
-
-    joint_states: str | Sequence[str] | None
-    temperatures: str | Sequence[str] | None
-    meter: str | None
-    payload: str | None
-    inputs: str | Path | None
-    robot: str | None
-    effort: str | None
-    stamp_source: str | None
-    reorder_window: float | None
-    derivative_window: float | None
-    temperature_wait: float | None
-    max_gap: float | None
-    meter_max_gap: float | None
-    learning: str | None
-    learned: ConditionRecord | None
-    start: float | None
-    end: float | None
-    jobs: str | Path | None
-    processes: int
-    out: str | Path | None
-    overwrite: bool
-    progress: Callable[[float], None] | None
 
 
 @dataclass(frozen=True)
@@ -159,13 +80,12 @@ class ReplayResult(Shown):
         return self.report.to_dict()
 
 
-@lists(ReplayOptions)
+@takes(ReplayOptions)
 def replay(
     bag: str | Path,
     model: ModelName,
     *,
     temperature: float | Literal["fallback"] | None = None,
-    power_period: float | None = None,
     **options: Unpack[ReplayOptions],
 ) -> ReplayResult:
     """Run a recorded bag through the model of its robot.
@@ -175,12 +95,11 @@ def replay(
         model: A model, its file, or the name of a shipped one.
         temperature: Fix friction at this temperature, whatever was measured, or at that which
             the model assumes without measurement (``fallback``). [degC]
-        power_period: Average the power over periods of this length; None: one row per sample,
-            about 0.5 kB each for six joints. [s]
         **options: What is read and how: see `ReplayOptions`.
 
     Returns:
-        Power over time, energies, comparison with the meter.
+        Power over time, energies, comparison with the meter. Power has one row per sample, about
+        0.5 kB each for six joints, or the means of each ``power_period``.
 
     Raises:
         BagError: If the bag cannot be read or holds no usable joint state, or nothing of it can
@@ -193,18 +112,18 @@ def replay(
     change = None
     if temperature is not None:
         used, change = fixed_friction(used, temperature)
+    by_period = options.get("power_period") is not None
     blocks: list[PowerBlock] = []
     means: list[MeanBlock] = []
 
     def take(output: Output) -> None:
-        if power_period is None and output.power is not None:
+        if not by_period and output.power is not None:
             blocks.append(output.power)
-        if power_period is not None and output.means is not None:
+        if by_period and output.means is not None:
             means.append(output.means)
 
-    result = run_replay(
-        bag, used, **options, power_period=power_period, on_output=take, keep_compared=True
-    )
+    setup = ReplaySetup.of(options)
+    result = bag_replay.replay(bag, used, setup, on_output=take, keep_compared=True)
     compared, names = result.compared if result.topics.meter else None, used.joint_names
     if blocks:
         power = sample_table(PowerBlock.concatenate(blocks), names, compared, used.unmodelled)
@@ -226,6 +145,31 @@ def replay(
         report=report,
         replay=result,
     )
+
+
+@takes(ReplayOptions)
+def condition_over(
+    bags: Sequence[str | Path], model: ModelName, **options: Unpack[ReplayOptions]
+) -> ConditionReport:
+    """Return what recordings of one robot teach, each going on from the one before.
+
+    Args:
+        bags: MCAP files or rosbag2 folders, oldest first.
+        model: A model, its file, or the name of a shipped one.
+        **options: What is read and how: see `ReplayOptions`.
+
+    Raises:
+        BagError: If there is none, or one cannot be read.
+        RobotEnergyError: If the model or an option cannot be used.
+    """
+    if not bags:
+        raise BagError("no recording was given", "one or more, oldest first")
+    used, learner = model_of(model), None
+    for bag in bags:
+        learner = bag_replay.replay(bag, used, ReplaySetup.of(options)).pipeline.condition
+        options["learned"] = learner.state()
+    assert learner is not None
+    return condition_report(learner, used)
 
 
 def fixed_friction(
@@ -252,77 +196,3 @@ def fixed_friction(
         of = "" if beyond.all() else f" of {', '.join(names)}"
         change += f", outside the fitted temperatures{of}"
     return with_fixed_friction(model, degc, std[0]), change
-
-
-def run_replay(
-    bag: str | Path,
-    model: RobotModel,
-    *,
-    power_period: float | None = None,
-    keep_curves: bool = False,
-    keep_compared: bool = False,
-    on_output: Callable[[Output], None] | None = None,
-    on_reading: Callable[[EnergyAccount, int], None] | None = None,
-    **options: Unpack[ReplayOptions],
-) -> Replay:
-    """Return the accounting of a replay with the options of the command.
-
-    Args:
-        power_period: Averaging period; None: that of the pipeline. [s]
-        keep_curves: Whether to keep energies over time for figures.
-        keep_compared: Whether to keep all that was compared with the meter.
-        on_reading: Called with the account as it stands at each UTC minute, and at the end.
-
-    Raises:
-        OptionError: For an option that a replay does not have.
-        RobotEnergyError: If bag, model or an option cannot be used.
-    """
-    check_options("replay", options, ReplayOptions.__annotations__)
-    every: dict[str, Any] = {**options, "power_period": power_period}
-    given = {name: value for name, value in every.items() if value is not None}
-    for option in CHECKED:
-        if option.name in given:
-            option.check(given[option.name], "replay")
-    read, notes = driver_inputs(given.get("inputs"), given.get("robot"))
-    settings: dict[str, Any] = {name: given[name] for name in SETTINGS if name in given}
-    if "learning" in given:
-        settings["learning"] = member_named(Learning, "learning", given["learning"])
-    if read is not None:
-        settings = {"max_gap": read.max_gap, "meter_max_gap": read.meter_max_gap, **settings}
-    effort = given.get("effort") or (NONE if read is None else read.joint_states.effort_meaning)
-    states = replace(
-        JointStateSource() if read is None else read.joint_states,
-        **{name: given[name] for name in ("stamp_source", "reorder_window") if name in given},
-    )
-    temperatures, payload = given.get("temperatures"), given.get("payload")
-    result = bag_replay.replay(
-        bag,
-        model,
-        topics=Topics(
-            _topics(given.get("joint_states")) or None,
-            None if temperatures is None else tuple(t for t in _topics(temperatures) if t != NONE),
-            given.get("meter"),
-            "" if payload == NONE else payload,
-        ),
-        settings=Settings(effort=effort_meaning(effort), **settings),
-        out=given.get("out"),
-        overwrite=given.get("overwrite", False),
-        keep_curves=keep_curves,
-        keep_means=power_period is not None,
-        keep_compared=keep_compared,
-        progress=given.get("progress"),
-        inputs=read,
-        states=states,
-        on_output=on_output,
-        on_reading=on_reading,
-        time_range=TimeRange(given.get("start"), given.get("end")),
-        learned=given.get("learned"),
-        jobs=load_jobs(jobs) if (jobs := given.get("jobs")) else (),
-        processes=given.get("processes", 1),
-    )
-    result.notes[:0] = notes
-    return result
-
-
-def _topics(names: str | Sequence[str] | None) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else tuple(names or ())

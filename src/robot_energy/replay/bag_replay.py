@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -11,14 +11,12 @@ from pathlib import Path
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_means
-from robot_energy.accounting.integration import MAX_ENERGY
-from robot_energy.accounting.record import Calibrated
+from robot_energy.accounting.registers import MAX_ENERGY
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.ownership import foreign_entries
 from robot_energy.bag.time_range import TimeRange
 from robot_energy.certainty.prediction_errors import PowerErrorSums
-from robot_energy.condition.learner import ConditionRecord
 from robot_energy.foundation.errors import BagError, UnknownJointError
 from robot_energy.foundation.files.output_folder import check_folder
 from robot_energy.foundation.units import SECOND_NS
@@ -31,20 +29,21 @@ from robot_energy.inputs.bag_topics import (
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.inputs.sources import Inputs, JointStateSource
+from robot_energy.inputs.sources import JointStateSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages.payload import PayloadReader
 from robot_energy.model import RobotModel, load, shipped_models
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.torque_limits import TorqueLimitWatch
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.pipeline.work_sums import WorkSums
 from robot_energy.replay.energy_bag import EnergyBagWriter
 from robot_energy.replay.read_ahead import can_read_ahead, read_ahead
-from robot_energy.replay.recorded_jobs import Job, RecordedJobs
+from robot_energy.replay.recorded_jobs import RecordedJobs
 from robot_energy.replay.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
 from robot_energy.replay.replay_topics import Topics, find_topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning
 from robot_energy.timeline.pieces import Compared
 
@@ -100,50 +99,31 @@ class Replay:
 def replay(
     path: str | Path,
     model: RobotModel,
-    topics: Topics | None = None,
-    settings: Settings | None = None,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-    keep_curves: bool = False,
-    progress: Progress | None = None,
-    inputs: Inputs | None = None,
+    setup: ReplaySetup | None = None,
+    *,
     on_output: Callable[[Output], None] | None = None,
-    states: JointStateSource | None = None,
-    keep_compared: bool = False,
-    keep_means: bool = False,
-    learned: ConditionRecord | None = None,
-    time_range: TimeRange | None = None,
-    jobs: Sequence[Job] = (),
-    calibration: Calibrated | None = None,
-    processes: int = 1,
     on_reading: Callable[[EnergyAccount, int], None] | None = None,
+    keep_curves: bool = False,
+    keep_compared: bool = False,
 ) -> Replay:
     """Return the energy account of a bag, and the rejection log of every input.
 
     Args:
-        topics: Topics to use where they cannot be found by type.
-        overwrite: Whether an existing ``out`` may be replaced.
-        keep_curves: Whether to return energies over time for plots (in bounded memory).
-        progress: Called with the share done, 0 to 1.
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
+        setup: What is read and how; None: all, found by its type.
         on_output: Called with what each step of the pipeline gave, for identification.
-        states: What the joint states mean, instead of what ``inputs`` says of them.
-        keep_compared: Whether to return all that was compared (memory grows with the bag).
-        keep_means: Whether ``on_output`` needs the means over ``power_period``.
-        learned: What an earlier recording of the robot has taught; None begins with nothing.
-        time_range: Part of the bag; None for all. Temperatures are read from as long before it as
-            they stay in use, payloads from the beginning.
-        calibration: Of the bands, from an earlier account of the same model and meter.
-        processes: 2: reading and torque are a process of their own; 3: two; which changes
-            no figure.
         on_reading: Called with the account, and the UTC minute up to which it has counted all
             samples or 0, as `EnergyAccount.on_reading`, and at the end.
+        keep_curves: Whether to return energies over time for plots (in bounded memory).
+        keep_compared: Whether to return all that was compared (memory grows with the bag).
     """
-    settings = settings or Settings()
-    if out is None and not keep_curves and not keep_means:
+    setup = setup or ReplaySetup()
+    settings, inputs, processes = setup.settings, setup.inputs, setup.processes
+    if setup.out is not None or keep_curves:  # which need means
+        settings = replace(settings, power_period=settings.power_period or Settings.power_period)
+    elif on_output is None:
         settings = replace(settings, power_period=None)  # nobody would see the means
     bag = BagReader(path)
-    used = find_topics(bag, topics or Topics(), inputs)
+    used = find_topics(bag, setup.topics, inputs)
     foreign = topics_of_other_robots(bag, used.joint_states or ())
     given = inputs.temperature_sources if inputs is not None else None
     sources, notes = find_temperatures(bag, used.temperatures, given, foreign)
@@ -156,8 +136,8 @@ def replay(
     pipeline = EnergyPipeline(model, settings.with_meter(*meter.source.limits))
     if loads:
         pipeline.account.auxiliary = AuxiliaryAccount(loads, loaded, settings.meter_max_gap)
-    if learned is not None:
-        pipeline.power.condition.restore(learned)
+    if setup.learned is not None:
+        pipeline.condition.restore(setup.learned)
     temperatures = TemperatureIngest(
         model.joint_names, sources, bag.typestore, model.temperature.stale_after
     )
@@ -174,7 +154,7 @@ def replay(
             bag.typestore,
             limits=pipeline.torque.robot.limits,
             effort=settings.effort is not EffortMeaning.NONE,
-            source=states or (JointStateSource() if inputs is None else inputs.joint_states),
+            source=setup.states or (JointStateSource() if inputs is None else inputs.joint_states),
             max_gap=settings.max_gap,
         ),
         temperatures=temperatures,
@@ -184,8 +164,8 @@ def replay(
         pipeline=pipeline,
         work=WorkSums(pipeline.torque.robot),
         origin=bag.origin,
-        notes=[*notes, *more, *unread],
-        jobs=RecordedJobs(jobs),
+        notes=[*setup.notes, *notes, *more, *unread],
+        jobs=RecordedJobs(setup.jobs),
         auxiliary={name: LoadIngest(load, bag.typestore) for name, load in loaded.items()},
     )
     if keep_curves:
@@ -200,24 +180,22 @@ def replay(
 
     limit_watch = TorqueLimitWatch(pipeline.torque.robot.limits, Drivetrain.from_model(model))
     pipeline.account.on_compared = take
-    if calibration is not None:
-        pipeline.account.calibrate(calibration)
+    if setup.calibration is not None:
+        pipeline.account.calibrate(setup.calibration)
     if on_reading is not None:
         pipeline.account.on_reading = partial(on_reading, pipeline.account)
     writer = None
-    if out is not None:
-        check_folder(out, foreign_entries, overwrite, (path,), BagError)
-        writer = EnergyBagWriter(out, overwrite, model, bag.origin, Path(path))
+    if setup.out is not None:
+        check_folder(setup.out, foreign_entries, setup.overwrite, (path,), BagError)
+        writer = EnergyBagWriter(setup.out, setup.overwrite, model, bag.origin, Path(path))
     if processes > 1 and not can_read_ahead():
         result.notes.append("this system cannot fork processes: the bag was read by one")
         processes = 1
     try:
-        spans = _spans(bag, result, time_range) if time_range else {}
+        spans = _spans(bag, result, setup.time_range) if setup.time_range else {}
         changes: list[PayloadChange] = []
         with closing(
-            _outputs(
-                bag, result, spans, writer is not None, on_output is not None, processes, progress
-            )
+            _outputs(bag, result, spans, replace(setup, processes=processes), on_output is not None)
         ) as outputs:
             for output, more in outputs:
                 result.jobs.step(pipeline.account)
@@ -259,19 +237,17 @@ def _outputs(
     bag: BagReader,
     result: Replay,
     spans: dict[str, LogTimes],
-    written: bool,
+    setup: ReplaySetup,
     observed: bool,
-    processes: int,
-    progress: Progress | None,
 ) -> Generator[tuple[Output, tuple[PayloadChange, ...]]]:
     """Run the stages; yield what each step gave, and the payloads that were set in it."""
-    pipeline = result.pipeline
+    pipeline, written = result.pipeline, setup.out is not None
     inputs = BagInputs(result.joint_states, result.temperatures, result.meter, [], result.auxiliary)
     steps = read_steps(bag, inputs, result.topics, spans, written, result.jobs)
-    if processes > 2:
+    if setup.processes > 2:
         steps = read_ahead(steps)
     steps = torque_steps(steps, pipeline.torque, result.payload, written or observed)
-    if processes > 1:
+    if setup.processes > 1:
         steps = read_ahead(steps)
     with closing(steps):
         for step in steps:
@@ -287,8 +263,8 @@ def _outputs(
                 result.auxiliary = read.auxiliary
                 pipeline.torque, result.payload = step.stages
                 yield pipeline.finish(step.torque), step.changes
-            if progress is not None and step.share is not None:
-                progress(step.share)
+            if setup.progress is not None and step.share is not None:
+                setup.progress(step.share)
 
 
 def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, LogTimes]:

@@ -18,7 +18,7 @@ from robot_energy.messages.registers import RegistersWriter
 from robot_energy.messages.torque import JOINT_TORQUE, TorqueWriter
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.timeline.blocks import FrictionBlock
 
 

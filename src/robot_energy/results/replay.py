@@ -8,7 +8,7 @@ import numpy as np
 from robot_energy.messages.registers import interval_fields
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import Replay
 from robot_energy.replay.replay_topics import Topics
 from robot_energy.results.auxiliary import (
@@ -141,10 +141,9 @@ def replay_report(
         change: What was changed about the model, for example fixed friction.
     """
     account, topics = result.account, result.topics
-    learner = result.pipeline.power.condition
+    learner = result.pipeline.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
-    thermal = result.pipeline.power.thermal
-    gears = np.where(thermal.gears, thermal.friction_degc, np.nan).tolist()
+    gears = np.where(learner.thermal.gears, learner.thermal.friction_degc, np.nan).tolist()
     common = common_figures(account, result.model, temperature, change, gears)
     inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
     jobs = _jobs(result)

@@ -20,8 +20,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.timeline.hold import HeldRows, joined, taken
-
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
 Bits = NDArray[np.uint32]
@@ -83,6 +81,17 @@ class EffortMeaning(StrEnum):
     """Torque or force at the joint, joint side [N m] or [N]."""
 
 
+class Learning(StrEnum):
+    """What is done with learned figures."""
+
+    OFF = "off"
+    """Nothing is learned."""
+    OBSERVE = "observe"
+    """Learned and published; predictions use the model file alone."""
+    APPLY = "apply"
+    """Predictions use the learned figures where they are valid."""
+
+
 class MeterMeaning(IntEnum):
     """What one sample of a power meter stands for."""
 
@@ -101,6 +110,43 @@ class MeterLocation(IntEnum):
 
 
 @dataclass(frozen=True)
+class HeldRows:
+    """What is computed at some samples only, and holds until the next one of them.
+
+    Attributes:
+        values: Shape (M, K).
+        row: Which of them holds at each sample, shape (N,).
+        begins: Whether it was computed at that sample, shape (N,); else it goes on, at the
+            first sample of a block from the block before.
+    """
+
+    values: NDArray[np.floating[Any]]
+    row: NDArray[np.int64]
+    begins: NDArray[np.bool_]
+    ndim = 1  # of arrays of one value per sample, which it is cut as
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
+        """Return what holds at some of the samples."""
+        return HeldRows(self.values, self.row[rows], self.begins[rows])
+
+    @staticmethod
+    def concatenate(parts: Sequence[HeldRows]) -> HeldRows:
+        """Return what holds at blocks of samples, joined."""
+        sizes = np.cumsum([0, *(len(part.values) for part in parts)]).tolist()
+        return HeldRows(
+            np.concatenate([part.values for part in parts]),
+            np.concatenate([part.row + size for part, size in zip(parts, sizes, strict=False)]),
+            np.concatenate([part.begins for part in parts]),
+        )
+
+    def __array__(
+        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Return what holds at each sample, shape (N, K)."""
+        return self.values[self.row].astype(dtype or np.float64, copy=False)
+
+
+@dataclass(frozen=True)
 class Block:
     """Base of all blocks: cutting and joining along the sample axis."""
 
@@ -111,12 +157,11 @@ class Block:
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Int) -> Self:
         """Return the samples ``rows``; what is one per block stays."""
-        return self._with(
-            {
-                name: taken(value, rows) if isinstance(value, np.ndarray | HeldRows) else value
-                for name, value in self.__dict__.items()
-            }
-        )
+        entries = self.__dict__.copy()
+        for name, value in entries.items():
+            if isinstance(value, np.ndarray | HeldRows):
+                entries[name] = value[rows] if isinstance(rows, slice) else taken(value, rows)
+        return self._with(entries)
 
     @classmethod
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
@@ -124,9 +169,19 @@ class Block:
         first = blocks[0]
         if len(blocks) == 1:
             return first
-        return first._with(
-            {name: joined([block.__dict__[name] for block in blocks]) for name in first.__dict__}
-        )
+        entries = first.__dict__.copy()
+        for name, value in entries.items():
+            parts: list[Any] = [block.__dict__[name] for block in blocks]
+            if isinstance(value, HeldRows):
+                entries[name] = HeldRows.concatenate(parts)
+            elif isinstance(value, np.ndarray):
+                flat = value.ndim != 2  # else each column contiguous
+                entries[name] = (
+                    np.concatenate(parts)
+                    if flat
+                    else np.concatenate([part.T for part in parts], axis=1).T
+                )
+        return first._with(entries)
 
     @classmethod
     def arranged(cls, blocks: Sequence[Self], rows: Sequence[Int]) -> tuple[Self, Int]:
@@ -278,7 +333,7 @@ class SupplyBlock(Block):
 
 
 @dataclass(frozen=True)
-class PowerBlock(Block):
+class PowerBlock(SupplyBlock):
     """Where each watt goes at each instant. Positive = from grid towards load.
 
     ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
@@ -305,7 +360,6 @@ class PowerBlock(Block):
         deviation: How sure it is, see `robot_energy.certainty.deviation`, K columns. [W]
     """
 
-    segment: Int
     quality: Bits
     phase: NDArray[np.uint8]
     motor_velocity: Float
@@ -321,10 +375,8 @@ class PowerBlock(Block):
     payload_mass: Float
     bus_power: Float
     loss_dc: Float
-    loss_grid: Float
     brake_power: Float
     capacitor_power: Float
-    grid_power: Float
     deviation: HeldRows
 
     @property
@@ -334,8 +386,20 @@ class PowerBlock(Block):
 
     @property
     def supply(self) -> SupplyBlock:
-        """What a meter can see."""
+        """What a meter can see, alone."""
         return SupplyBlock(self.stamp_ns, self.segment, self.grid_power, self.loss_grid)
+
+
+def taken(values: Any, rows: NDArray[np.bool_] | Int) -> Any:
+    """Return some samples of what a block of samples holds of one attribute.
+
+    Args:
+        rows: Which samples: a mask of shape (N,), or numbers.
+    """
+    if values.ndim != 2:
+        return values[rows]
+    places = rows.nonzero()[0] if rows.dtype == np.bool_ else rows
+    return values.T.take(places, axis=1).T  # each column contiguous
 
 
 def known_part(name: str, values: Any, unmodelled: Collection[str]) -> Float:

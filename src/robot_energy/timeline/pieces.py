@@ -37,14 +37,9 @@ class CoveredPieces(Block):
         return CoveredPieces.concatenate([self, later]) if len(self) else later
 
     @property
-    def start_ns(self) -> Int:
-        """Where each begins, shape (N,). [ns]"""
-        return self.stamp_ns
-
-    @property
     def duration(self) -> Float:
         """How long each piece is, shape (N,). [s]"""
-        return (self.end_ns - self.start_ns) * NANOSECOND
+        return (self.end_ns - self.stamp_ns) * NANOSECOND
 
     @property
     def mean_power(self) -> Float:
@@ -54,9 +49,9 @@ class CoveredPieces(Block):
     @property
     def edges(self) -> Int:
         """Every start and end, those that touch only once. [ns]"""
-        apart = self.start_ns[1:] != self.end_ns[:-1]
-        lonely = [self.start_ns[1:][apart]] if apart.any() else []
-        return np.concatenate([self.start_ns[:1], *lonely, self.end_ns])
+        apart = self.stamp_ns[1:] != self.end_ns[:-1]
+        lonely = [self.stamp_ns[1:][apart]] if apart.any() else []
+        return np.concatenate([self.stamp_ns[:1], *lonely, self.end_ns])
 
     def after(self, time_ns: int) -> CoveredPieces:
         """Return the pieces that end after a time."""
@@ -71,8 +66,8 @@ class CoveredPieces(Block):
         """
         if not len(self):
             return np.zeros(len(start_ns), dtype=np.int64), np.zeros(len(start_ns), dtype=np.bool_)
-        row = np.maximum(np.searchsorted(self.start_ns, start_ns, side="right") - 1, 0)
-        return row, (self.start_ns[row] <= start_ns) & (end_ns <= self.end_ns[row])
+        row = np.maximum(np.searchsorted(self.stamp_ns, start_ns, side="right") - 1, 0)
+        return row, (self.stamp_ns[row] <= start_ns) & (end_ns <= self.end_ns[row])
 
     def value(self, row: Int, time_ns: Int) -> Float:
         """Return the power at times within pieces, shape (..., M). [W]
@@ -81,7 +76,7 @@ class CoveredPieces(Block):
             row: Number of the piece of each time, shape (M,).
             time_ns: Within that piece, shape (..., M). [ns]
         """
-        start = self.start_ns[row]
+        start = self.stamp_ns[row]
         share = (time_ns - start) / (self.end_ns[row] - start)
         low = self.start_power[row]
         return low + (self.end_power[row] - low) * share
@@ -110,11 +105,6 @@ class Compared(Block):
         """No intervals."""
         none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
         return cls(none, none, nothing, nothing, nothing)
-
-    @property
-    def available_ns(self) -> Int:
-        """When the meter had reported the interval, shape (K,). [ns]"""
-        return self.stamp_ns
 
 
 def starts_of(number: Int) -> Int:

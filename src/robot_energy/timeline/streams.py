@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, Block, Int
-from robot_energy.timeline.epochs import SLOW_NS, STRAY_STAMP, EpochSplitter, Reach, Sorted
+from robot_energy.timeline.epochs import (
+    SLOW_NS,
+    STRAY_STAMP,
+    EpochRun,
+    EpochSplitter,
+    Reach,
+    Sorted,
+)
 
 OLDER = "older_stamp"  # the reason under which messages that come too late are counted
 B = TypeVar("B", bound=Block)
-
-
-@dataclass(frozen=True)
-class StreamRun(Generic[B]):
-    """Messages that belong together.
-
-    Attributes:
-        new_epoch: Whether the stamps jumped back before them.
-        restless: Whether they did so within a second after another jump, as they do when
-            two clocks take turns.
-        rising: Whether it is known that each stamp is newer than all before.
-        first_ns: Stamp of the first of them that arrived. [ns]
-    """
-
-    block: B
-    new_epoch: bool
-    restless: bool
-    rising: bool
-    first_ns: int
 
 
 class ReorderBuffer(Generic[B]):
@@ -44,6 +31,9 @@ class ReorderBuffer(Generic[B]):
         window_ns: How far a stamp may lie behind the newest one of the same kind. [ns]
         kinds: Gives the rows of each kind, as of the messages that have the same joints; None where
             there is one kind only.
+
+    Attributes:
+        held: Messages that wait for the window to pass; None if there are none.
     """
 
     def __init__(
@@ -52,27 +42,20 @@ class ReorderBuffer(Generic[B]):
         reject: Callable[[str, int], None],
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
-        self._window_ns = window_ns
+        self.window_ns = window_ns
         self._reject = reject
         self._kinds = kinds
         self.restart()
 
-    @property
-    def waiting(self) -> int:
-        """Messages that wait for the window to pass."""
-        return 0 if self._held is None else len(self._held)
-
     def restart(self) -> None:
         """Forget what waits, and the stamps met."""
         self._newest: dict[bytes, int] = {}
-        self._held: B | None = None
+        self.held: B | None = None
 
     def step(self, block: B) -> B:
         """Return the messages that are in order by now, which may be none."""
-        if not self._window_ns:
-            return block
-        known = self.waiting
-        whole = block if self._held is None else type(block).concatenate([self._held, block])
+        known = 0 if self.held is None else len(self.held)
+        whole = block if self.held is None else type(block).concatenate([self.held, block])
         release = np.full(len(whole), -1, dtype=np.int64)  # row whose arrival lets it go
         keep = np.ones(len(whole), dtype=np.bool_)
         kinds = {b"": np.arange(len(whole))} if self._kinds is None else self._kinds(whole)
@@ -83,21 +66,21 @@ class ReorderBuffer(Generic[B]):
                 continue
             before = self._newest.get(key, int(stamp[0]))
             newest = np.maximum.accumulate(np.append(before, stamp))
-            keep[fresh[stamp < newest[:-1] - self._window_ns]] = False
+            keep[fresh[stamp < newest[:-1] - self.window_ns]] = False
             self._newest[key] = int(newest[-1])
-            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self._window_ns, side="left")
+            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self.window_ns, side="left")
             free = at < len(stamp)
             release[rows[free]] = fresh[at[free]]
         self._reject(OLDER, int((~keep).sum()))
         free = np.flatnonzero(keep & (release >= 0))
         order = np.lexsort((whole.stamp_ns[free], release[free]))
         left = keep & (release < 0)
-        self._held = whole[left] if bool(left.any()) else None
+        self.held = whole[left] if bool(left.any()) else None
         return whole[free[order]]
 
     def flush(self) -> B | None:
         """Return what still waits, as at the end of an epoch, and forget its stamps."""
-        held = self._held
+        held = self.held
         self.restart()
         return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
 
@@ -128,7 +111,7 @@ class StreamSplitter(Generic[B]):
     ) -> None:
         self.epochs = EpochSplitter(reach)
         self._reject = reject or _by_caller
-        self._order = ReorderBuffer[B](window_ns, self._reject, kinds)
+        self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
         self.lag_ns: int | None = None
@@ -136,10 +119,10 @@ class StreamSplitter(Generic[B]):
     @property
     def waiting(self) -> int:
         """Messages that wait for later ones."""
-        return self.epochs.waiting + self._order.waiting
+        return sum(len(each) for each in (self.held, self.order.held) if each is not None)
 
-    def step(self, block: B, arrival_ns: int | None = None) -> list[StreamRun[B]]:
-        """Return the messages that are known to belong to their epoch; often one run.
+    def step(self, block: B, arrival_ns: int | None = None) -> list[tuple[B, EpochRun]]:
+        """Return the messages that are known to belong to their epoch, run by run; often one.
 
         Args:
             arrival_ns: When the last of them was received; None where it does not matter. [ns]
@@ -152,7 +135,7 @@ class StreamSplitter(Generic[B]):
             block = type(block).concatenate([self.held, block])
         return self._taken(block, found)
 
-    def flush(self) -> list[StreamRun[B]]:
+    def flush(self) -> list[tuple[B, EpochRun]]:
         """Return what still waits and is not an outlier."""
         held, found = self.held, self.epochs.flush()
         self.held = self.refused = None
@@ -163,32 +146,32 @@ class StreamSplitter(Generic[B]):
         """Drop what waits, as after an error."""
         self.held = self.refused = None
         self.epochs.restart()
-        self._order.restart()
+        self.order.restart()
 
-    def _taken(self, block: B, found: Sorted) -> list[StreamRun[B]]:
+    def _taken(self, block: B, found: Sorted) -> list[tuple[B, EpochRun]]:
         self.refused = block[np.asarray(found.strays, dtype=np.int64)] if found.strays else None
         self.held = block[np.asarray(found.held, dtype=np.int64)] if found.held else None
         self._reject(STRAY_STAMP, len(found.strays))
-        runs: list[StreamRun[B]] = []
+        runs: list[tuple[B, EpochRun]] = []
         for run in found.runs:
             arrived = block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)]
             if run.new_epoch:
                 runs += self._end_of_epoch()
-            ordered = self._order.step(arrived)
-            rising = run.rising and ordered is arrived
-            first_ns = int(arrived.stamp_ns[0])
-            runs.append(StreamRun(ordered, run.new_epoch, run.restless, rising, first_ns))
+            ordered = self.order.step(arrived) if self.order.window_ns else arrived
+            run.rising &= ordered is arrived
+            run.first_ns = int(arrived.stamp_ns[0])
+            runs.append((ordered, run))
         return runs
 
-    def _end_of_epoch(self) -> list[StreamRun[B]]:
+    def _end_of_epoch(self) -> list[tuple[B, EpochRun]]:
         """Return what waits for its place within the epoch that ends."""
-        late = self._order.flush()
-        return [] if late is None else [StreamRun(late, False, False, False, int(late.stamp_ns[0]))]
+        late = self.order.flush()
+        return [] if late is None else [(late, EpochRun())]
 
 
-def joined(runs: Sequence[StreamRun[B]]) -> B | None:
+def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
-    blocks = [run.block for run in runs if len(run.block)]
+    blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
 
 

@@ -14,7 +14,7 @@ from robot_energy.certainty.band import Z90
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import RobotModel
-from robot_energy.replay.api import ReplayOptions
+from robot_energy.replay.options import ReplayOptions
 from robot_energy_fleet.advice.claims import LONG_REST, Claim
 from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy_fleet.dataset import collected, read_tables, scan

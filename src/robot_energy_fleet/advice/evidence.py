@@ -11,9 +11,9 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
-from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
+from robot_energy_plan.consecutive import ConsecutiveBlocks
 from robot_energy_plan.optimization.deviations import DeviationSums
 
 WARMER = 10.0  # K, over which the loss of warmer windings is differentiated

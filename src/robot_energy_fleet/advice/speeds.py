@@ -10,7 +10,7 @@ import numpy as np
 from robot_energy.certainty.band import Z90
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
-from robot_energy.replay.api import ReplayOptions
+from robot_energy.replay.options import ReplayOptions
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_fleet.advice.claims import LONG_REST, Claim
 from robot_energy_fleet.advice.evidence import RecordedEvidence

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError, ParameterError
+from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
 from robot_energy.timeline.blocks import EffortMeaning
@@ -77,7 +78,7 @@ class BagSource:
         most = MOST // max(len(self.bags), 1)
         for bag in self.bags:
             with self.progress(f"reading {Path(bag).name}") as report:
-                part = read_recording(bag, model, meaning, None, report, read, most)
+                part = read_recording(bag, model, meaning, report, read, most)
                 found.append(replace(part, sensors=sensors))
         return found
 
@@ -120,6 +121,11 @@ class BagSource:
 
         Argument as in `BagSource.recordings`.
         """
+        found = self._channels(model)
+        give_back_freed_memory()  # of the recordings, which take more than their motion
+        return found
+
+    def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         from robot_energy_identify.data.bags import Kept, motion_time
         from robot_energy_identify.data.recordings import channels_of
 

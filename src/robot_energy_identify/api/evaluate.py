@@ -12,11 +12,14 @@ import numpy as np
 
 from robot_energy.certainty.prediction_errors import TorqueErrorSums
 from robot_energy.foundation.errors import BagError
-from robot_energy.foundation.signature import lists
+from robot_energy.foundation.options import takes
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
-from robot_energy.replay.api import FALLBACK, ReplayOptions, fixed_friction, run_replay
+from robot_energy.replay.api import FALLBACK, fixed_friction
+from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.options import ReplayOptions
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.model import model_used
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import EffortMeaning
@@ -35,7 +38,7 @@ WIDER = 5.0  # window of accelerations that is tried, over that of the monitor [
 BETTER = 0.9  # torque error with it over that without, from which on it is worth a sentence [-]
 
 
-@lists(ReplayOptions)
+@takes(ReplayOptions)
 def evaluate(
     bags: str | Path | Sequence[str | Path],
     model: ModelName,
@@ -128,7 +131,7 @@ def _run(
         if len(warm):
             degc[:] = min(degc[0], float(warm.min())), max(degc[1], float(warm.max()))
 
-    result = run_replay(path, model, on_output=take, **options)
+    result = replay(path, model, ReplaySetup.of(options), on_output=take)
     low_pass.finish()
     report = replay_report(result, change)
     sums = ScoreSums.of(report, torque, result.power_error, low_pass)

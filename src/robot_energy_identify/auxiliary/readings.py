@@ -56,7 +56,7 @@ class StateChanges:
 
     def inside(self, pieces: CoveredPieces) -> Int:
         """Return which change each piece lies behind, -1 where its state is not one alone."""
-        first = np.searchsorted(self.stamp_ns, pieces.start_ns - AFTER_CHANGE, side="right") - 1
+        first = np.searchsorted(self.stamp_ns, pieces.stamp_ns - AFTER_CHANGE, side="right") - 1
         last = np.searchsorted(self.stamp_ns, pieces.end_ns, side="left") - 1
         return np.where((first == last) & (self.state[first] != UNKNOWN), first, -1)
 
@@ -146,7 +146,7 @@ def outlet_readings(
         )
     pieces = readings_inside(recording, holding(recording), SETTLED, BEFORE_MOTION)
     power, shown = pieces.mean_power, pieces.mean_power
-    stamp, middle = recording.power.stamp_ns, (pieces.start_ns + pieces.end_ns) // 2
+    stamp, middle = recording.power.stamp_ns, (pieces.stamp_ns + pieces.end_ns) // 2
     row = np.clip(np.searchsorted(stamp, middle), 0, len(stamp) - 1)
     power = power - recording.power.grid_power[row]
     known = np.isfinite(power)
@@ -155,7 +155,7 @@ def outlet_readings(
     for load in loads:
         curve, changes = held[load.name]
         if load.metered:
-            own, inside = curve.index(pieces.start_ns, pieces.end_ns)
+            own, inside = curve.index(pieces.stamp_ns, pieces.end_ns)
             known &= inside
             if len(curve):
                 power = power - curve.value(own, middle)

@@ -343,7 +343,7 @@ def readings_inside(
     outside = np.concatenate([[0], np.cumsum(~phase)])
     kept = CoveredPieces.empty()
     for part in recording.limits.pieces(meter):
-        first = np.searchsorted(stamp, part.start_ns - after, side="left")
+        first = np.searchsorted(stamp, part.stamp_ns - after, side="left")
         last = np.searchsorted(stamp, part.end_ns + before, side="right")
         inside = (first > 0) & (last < len(stamp)) & (last > first)
         last = np.minimum(last, len(stamp))
@@ -354,7 +354,7 @@ def readings_inside(
 def _at_rest(recording: Recording, rest: NDArray[np.bool_]) -> tuple[CoveredPieces, Float]:
     """Pieces inside rest, and their power minus what the model says the drives take. [W]"""
     pieces = readings_inside(recording, rest, SETTLED, BEFORE_MOTION)
-    middle = (pieces.start_ns + pieces.end_ns) // 2
+    middle = (pieces.stamp_ns + pieces.end_ns) // 2
     row = np.searchsorted(recording.power.stamp_ns, middle)
     row = np.minimum(row, len(recording.power) - 1)
     return pieces, pieces.mean_power - recording.power.bus_power[row]
@@ -368,7 +368,7 @@ def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level |
         if not len(pieces):
             continue
         readings += len(pieces)
-        apart = pieces.start_ns[1:] - pieces.end_ns[:-1] > EVENT_GAP
+        apart = pieces.stamp_ns[1:] - pieces.end_ns[:-1] > EVENT_GAP
         means += [float(part.mean()) for part in np.split(power, np.flatnonzero(apart) + 1)]
     if readings < MIN_READINGS:
         return None

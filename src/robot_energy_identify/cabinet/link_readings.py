@@ -136,7 +136,7 @@ def readings_of(
     duration = pieces.duration
     length = block_length(float(duration.sum()))
     origin = np.asarray([part.power.stamp_ns[0] for part in metered])[recording]
-    place = np.stack([recording, (pieces.start_ns - origin) // round(length / NANOSECOND)])
+    place = np.stack([recording, (pieces.stamp_ns - origin) // round(length / NANOSECOND)])
     return LinkReadings(
         pieces.mean_power,
         predicted,

@@ -10,6 +10,7 @@ import numpy as np
 from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
+from robot_energy.physics.effort_check import MAX_FACTOR
 from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.payload import carried_payload
@@ -29,7 +30,6 @@ SCALES = {
 }
 RATIOS = (2.0, 0.5, 3.0, 1 / 3, 4.0, 0.25)
 MIN_MOVE = 0.05  # rad of range, below which a joint does not show its zero
-MAX_FACTOR = 3.0  # of measured over body torque, for a meaning of the effort that fits
 FAR_ZERO = 0.5  # std of a zero that is searched [rad]
 FREE = 4.0  # of cost, that each figure that is free of size must gain
 SURE = 2.0  # standard deviations of a payload, below which it is not tried

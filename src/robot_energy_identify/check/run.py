@@ -15,6 +15,7 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check.evidence import (
     Evidence,
@@ -178,9 +179,8 @@ def _evidence(
     if inputs is not None:
         settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
     windows = Windows(model)
-    result = replay(
-        path, model, None, settings, inputs=inputs, on_output=windows.take, time_range=time_range
-    )
+    setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range)
+    result = replay(path, model, setup, on_output=windows.take)
     torque, power, meter = windows.blocks()
     carried = result.pipeline.torque.robot.payload
     return evidence_of(

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from robot_energy.physics.effort_check import MAX_FACTOR, MIN_CORRELATION
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.cause_search import (
@@ -29,11 +30,10 @@ from robot_energy_identify.check.finding import (
     Finding,
     unjudged,
 )
-from robot_energy_identify.check.possible_causes import MAX_FACTOR, Cause, scale_words
+from robot_energy_identify.check.possible_causes import Cause, scale_words
 from robot_energy_identify.check.torque_fit import MIN_MOTION, MIN_SAMPLES, OWN, TorqueFit
 
 WIDE = 0.1  # of a gear ratio: a deviation from which it is a prior
-MIN_CORRELATION = 0.6  # of measured and body torque, below which a factor means nothing
 UNEXPLAINED = "torque_unexplained"
 LEAST = f"{MIN_MOTION:g} s and {MIN_SAMPLES} samples in motion"
 POOR = 0.5  # share of unexplained torque from which a model does not fit

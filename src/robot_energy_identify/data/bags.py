@@ -141,7 +141,7 @@ class Bag:
         time_range: TimeRange | None = None,
     ) -> Recording:
         recording = read_recording(
-            self.path, model, self.effort, None, progress, self.inputs, most, time_range
+            self.path, model, self.effort, progress, self.inputs, most, time_range
         )
         return replace(recording, sensors=self.sensors)
 

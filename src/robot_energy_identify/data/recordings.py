@@ -18,18 +18,17 @@ from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.bag.time_range import TimeRange
-from robot_energy.condition.learner import Learning
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.pipeline import Settings, TorqueStage
 from robot_energy.pipeline.friction_stage import FrictionStage
-from robot_energy.pipeline.power_stage import PowerStage
-from robot_energy.pipeline.supply import SupplyStage
+from robot_energy.pipeline.power_stage import PowerStage, SupplyStage
 from robot_energy.replay.bag_replay import Progress, Replay, replay
 from robot_energy.replay.replay_steps import ROWS
-from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
@@ -38,6 +37,7 @@ from robot_energy.timeline.blocks import (
     Float,
     Int,
     JointBlock,
+    Learning,
     MeterBlock,
     PowerBlock,
     Quality,
@@ -285,7 +285,8 @@ def _powers(
     settings: Settings,
 ) -> PowerBlock:
     """The stages behind the torque, whose stamps rise."""
-    friction, power = FrictionStage(model), PowerStage(model, settings)
+    friction = FrictionStage(model)
+    power = PowerStage(model, settings, ConditionLearner(model, settings))
     parts: list[PowerBlock | None] = []
     for first in range(0, len(torque), ROWS):
         rows = torque[slice(first, first + ROWS)]
@@ -384,7 +385,6 @@ def read_recording(
     path: str | Path,
     model: RobotModel,
     effort: EffortMeaning = EffortMeaning.NONE,
-    topics: Topics | None = None,
     progress: Progress | None = None,
     inputs: Inputs | None = None,
     most: float = MOST,
@@ -394,7 +394,6 @@ def read_recording(
 
     Args:
         path: MCAP file or rosbag2 folder.
-        topics: Topics to use where they cannot be determined by type.
         progress: Called with the share done, 0 to 1.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
         most: Samples that are kept, about 0.7 kB each for six joints. [-]
@@ -412,16 +411,8 @@ def read_recording(
     if inputs is not None:
         gaps = {"max_gap": inputs.max_gap, "meter_max_gap": inputs.meter_max_gap}
         settings = replace(settings, **gaps)
-    result = replay(
-        path,
-        model,
-        topics,
-        settings,
-        progress=progress,
-        inputs=inputs,
-        on_output=kept.take,
-        time_range=time_range,
-    )
+    setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range, progress=progress)
+    result = replay(path, model, setup, on_output=kept.take)
     torque, power = kept.torque(), kept.power()
     max_power, wraps_at, _ = result.meter.source.limits
     if torque is None or power is None:

@@ -18,12 +18,12 @@ from robot_energy.timeline.blocks import (
     NANOSECOND,
     Block,
     Float,
+    HeldRows,
     MeterBlock,
     PowerBlock,
     TemperatureBlock,
     TorqueBlock,
 )
-from robot_energy.timeline.hold import HeldRows
 
 MOST_ROWS = 12_000  # of one regression: an hour has 700 blocks that count as independent
 MOST = 120_000  # samples kept of all recordings of a fit; some 1 kB each for six joints

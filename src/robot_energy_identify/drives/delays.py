@@ -18,11 +18,11 @@ It is undone in `robot_energy_identify.data.recordings`. An energy counter has n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from itertools import groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.model import RobotModel
@@ -58,7 +58,7 @@ def estimate_meter_delay(data: DriveData) -> Delay | None:
     span = min(SPAN, SHARE * len(data) * data.period)
     columns = _columns(data)
     coarse = span * np.arange(-STEPS, STEPS + 1) / STEPS
-    error = _errors(data, [(lag, columns) for lag in coarse.tolist()])
+    error = _errors(data, coarse, [columns])
     if error is None:
         return None
     best = int(np.argmin(error.sum(axis=0)))
@@ -66,7 +66,7 @@ def estimate_meter_delay(data: DriveData) -> Delay | None:
     if found.at_edge:
         return found
     fine = coarse[best] + span / STEPS * np.arange(-FINE, FINE + 1) / FINE
-    error = _errors(data, [(lag, columns) for lag in [*fine.tolist(), 0.0]])
+    error = _errors(data, np.append(fine, 0.0), [columns])
     return None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, MIN_GAIN)
 
 
@@ -115,13 +115,8 @@ def _at_best_lags(error: Float) -> Float:
 def _errors_of_both(data: DriveData, constants: Float, lags: Float) -> Float | None:
     """Squared error of every fold with each low pass [s] and lag [s], (folds, constants, lags)."""
     columns = _columns(data)
-    tries = [
-        (lag, passed)
-        for constant in constants.tolist()
-        for passed in [_low_passed(data, columns, constant)]
-        for lag in lags.tolist()
-    ]
-    error = _errors(data, tries)
+    passed = (_low_passed(data, columns, constant) for constant in constants.tolist())
+    error = _errors(data, lags, passed)
     return None if error is None else error.reshape(-1, len(constants), len(lags))
 
 
@@ -209,43 +204,49 @@ def _moved(
     for pieces in limits.pieces(undone(meter, lag)):
         kept, mean = integrals.means(pieces)
         place = np.full((len(pieces), mean.shape[1]), np.nan)
-        place[np.searchsorted(pieces.start_ns, kept.start_ns)] = mean
+        place[np.searchsorted(pieces.stamp_ns, kept.stamp_ns)] = mean
         used = few(len(pieces))
         power.append(pieces.mean_power[used])
         means.append(place[used])
     return np.concatenate(power), np.concatenate(means)
 
 
-def _errors(data: DriveData, tries: Sequence[tuple[float, Float]]) -> Float | None:
+def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | None:
     """Squared error of every fold, predicted from the others, shape (folds, tries).
 
-    Each try has a lag [s] and columns; the same readings in all; None if they are too few.
+    Each of the columns, unknown in the same places, with each lag [s]; the same readings in all;
+    None if they are too few.
     """
-    parts: list[Float] = []
-    targets: list[Float] = []
-    for number, meter in enumerate(data.meters):
-        rows = np.flatnonzero(data.recording == number)
-        if meter is None or len(rows) < 2:
-            continue
-        limits = data.limits[number]
-        tried: list[tuple[Float, Float]] = []
-        for _, group in groupby(tries, lambda each: id(each[1])):
-            lags, columns = zip(*group, strict=True)
-            integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], columns[0][rows])
-            tried += [_moved(meter, limits, lag, integrals) for lag in lags]
-        same = np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried])
-        parts.append(np.stack([mean[same] for _, mean in tried]))
-        targets.append(tried[0][0][same])
-    if sum(len(part) for part in targets) < MIN_ROWS:
-        return None
-    means, measured = np.concatenate(parts, axis=1), np.concatenate(targets)
-    size = np.maximum(np.linalg.norm(means[0], axis=0), np.finfo(float).tiny)
-    folds = [test for _, test in splits(contiguous_folds(len(measured)))]
-    error = [
-        held_out_errors([qr_r(np.column_stack([part[f], measured[f]])) for f in folds], 5)
-        for part in means / size
-    ]
-    return np.concatenate(error, axis=1)
+    errors: list[Float] = []
+    same: list[NDArray[np.bool_]] = []
+    measured = size = np.empty(0)
+    for each in columns:
+        parts: list[Float] = []
+        targets: list[Float] = []
+        for number, meter in enumerate(data.meters):
+            rows = data.samples_of(number)
+            if meter is None or len(each[rows]) < 2:
+                continue
+            limits = data.limits[number]
+            integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], each[rows])
+            tried = [_moved(meter, limits, lag, integrals) for lag in lags.tolist()]
+            if not errors:
+                same.append(np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried]))
+            used = same[len(parts)]
+            parts.append(np.stack([mean[used] for _, mean in tried]))
+            targets.append(tried[0][0][used])
+        if sum(len(part) for part in targets) < MIN_ROWS:
+            return None
+        means = np.concatenate(parts, axis=1)
+        if not errors:
+            measured = np.concatenate(targets)
+            size = np.maximum(np.linalg.norm(means[0], axis=0), np.finfo(float).tiny)
+        folds = [test for _, test in splits(contiguous_folds(len(measured)))]
+        errors += [
+            held_out_errors([qr_r(np.column_stack([part[f], measured[f]])) for f in folds], 5)
+            for part in (mean / size for mean in means)
+        ]
+    return np.concatenate(errors, axis=1)
 
 
 def estimate_power_delay(data: DriveData) -> Delay | None:

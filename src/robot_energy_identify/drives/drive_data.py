@@ -84,6 +84,14 @@ class DriveData:
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
+    def samples_of(self, number: int) -> slice:
+        """Return the samples of one recording.
+
+        Args:
+            number: Of the recording.
+        """
+        return slice(*np.searchsorted(self.recording, (number, number + 1)).tolist())
+
     @cached_property
     def stretch(self) -> Int:
         """Number of the uninterrupted stretch of each sample, rising, shape (N,)."""

@@ -22,6 +22,7 @@ from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.efficiency import (
     CUTOFF,
+    MAX_QUANTILE,
     POINTS,
     ReducedMap,
     at_efficiency,
@@ -47,7 +48,6 @@ WAYS: tuple[Way, ...] = (
 DEFAULT = "loss_model"  # where held-out data say nothing better
 CONSTANT_EFFICIENCY = 0.875  # paper B, 7.3
 INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
-MAX_QUANTILE = 0.999  # quantile that stands for the greatest speed or torque
 MIN_HELD_OUT = 50
 
 

@@ -35,7 +35,7 @@ MIN_EFFICIENCY = 0.02  # smaller ones are held here: an efficiency of 0 gives no
 POINTS = 500  # of one map in a model file
 MIN_SAMPLES = 100
 SLOW = 0.02  # of the greatest speed: no efficiency below it
-MAX_QUANTILE = 0.999  # quantile that stands for the greatest speed
+MAX_QUANTILE = 0.999  # quantile that stands for the greatest speed or torque
 FIRST_CELL, GROWTH = 0.05, 1.15  # standard deviations; of the cells that thin a map out
 REACH = 2.0  # cells, beyond which a point of work counts as extrapolated
 

@@ -15,6 +15,7 @@ import numpy as np
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
+from robot_energy.physics.equations import REFERENCE_DEGC
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import NO_INFORMATION, identified
 from robot_energy_identify.stats.cross_validation import rms_of
@@ -24,7 +25,6 @@ from robot_energy_identify.stats.systematic import Changes, with_systematic
 if TYPE_CHECKING:
     from robot_energy_identify.drives.drives import AxisFit
 
-REFERENCE_DEGC = 20.0
 COPPER_COEFFICIENT = 0.0039  # 1/K, usual textbook figure
 TERMS = ("constant", "copper", "linear", "quadratic")
 MIN_SHARE = 0.05  # of a column that the columns before it do not explain

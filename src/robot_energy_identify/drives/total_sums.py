@@ -91,14 +91,15 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
     columns = _columns(data, model)
     parts: list[tuple[CoveredPieces, Float, Int]] = []
     for number, meter in enumerate(data.meters):
-        rows = np.flatnonzero(data.recording == number)
-        if meter is None or len(rows) < 2:
+        samples = data.samples_of(number)
+        stamp = data.stamp_ns[samples]
+        if meter is None or len(stamp) < 2:
             continue
-        integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], columns[rows])
+        integrals = Integrals(stamp, data.stretch[samples], columns[samples])
         for pieces in data.limits[number].pieces(meter):
             kept, means = integrals.means(pieces)
-            middle = np.searchsorted(data.stamp_ns[rows], (kept.start_ns + kept.end_ns) // 2)
-            parts.append((kept, means, rows[np.clip(middle, 0, len(rows) - 1)]))
+            middle = np.searchsorted(stamp, (kept.stamp_ns + kept.end_ns) // 2)
+            parts.append((kept, means, samples.start + np.clip(middle, 0, len(stamp) - 1)))
     pieces, means, rows = joined(parts, "the drives")
     window, recording = data.window[rows], data.recording[rows]
     first = np.diff(window, prepend=-1) != 0
@@ -181,8 +182,11 @@ class Integrals:
         self._stamp, self._stretch = stamp, stretch
         step = np.diff(stamp)[:, None] * NANOSECOND
         self._area = np.zeros(columns.shape)
-        known = np.nan_to_num(0.5 * (columns[1:] + columns[:-1]) * step)  # a gap must not spread
-        np.cumsum(known, axis=0, out=self._area[1:])
+        known = np.add(columns[1:], columns[:-1], out=self._area[1:])  # in place, as all below
+        known *= 0.5
+        known *= step
+        np.nan_to_num(known, copy=False)  # a gap must not spread
+        np.cumsum(known, axis=0, out=known)
         unknown = np.isnan(columns)
         unknown[:, 0] = ~np.isfinite(columns[:, 0])
         self._gone = np.zeros((len(columns) + 1, columns.shape[1]), dtype=np.int32)
@@ -196,14 +200,14 @@ class Integrals:
             NaN.
         """
         stamp = self._stamp
-        first = np.searchsorted(stamp, pieces.start_ns, side="right") - 1
+        first = np.searchsorted(stamp, pieces.stamp_ns, side="right") - 1
         last = np.searchsorted(stamp, pieces.end_ns, side="left")
         inside = (first >= 0) & (last < len(stamp))
         first, last = np.clip(first, 0, len(stamp) - 1), np.clip(last, 0, len(stamp) - 1)
         gone = self._gone[last + 1] - self._gone[first] > 0
         inside &= (self._stretch[first] == self._stretch[last]) & ~gone[:, 0]
         kept = pieces[inside]
-        area = self._until(kept.end_ns, last[inside]) - self._until(kept.start_ns, first[inside])
+        area = self._until(kept.end_ns, last[inside]) - self._until(kept.stamp_ns, first[inside])
         return kept, np.where(gone[inside], np.nan, area / kept.duration[:, None])
 
     def _until(self, at: Int, near: Int) -> Float:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.actuators import read_actuators, without_defaults
 from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
 from robot_energy.physics.urdf.limits import limit_remarks
 from robot_energy.physics.urdf.moving_joints import GRIPPER_MASS_SHARE, moving_joints
+from robot_energy_identify.starter.actuators import read_actuators, without_defaults
 from robot_energy_identify.starter.joints import ArmJoint, scaled_joints, taken_limits
 from robot_energy_identify.starter.priors import CLASSES, MAX_COBOT_MASS, MAX_COBOT_PEAK, RobotClass
 

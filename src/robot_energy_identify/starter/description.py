@@ -16,13 +16,13 @@ from robot_energy.foundation.config_file import read_text
 from robot_energy.foundation.errors import BagError, RobotDescriptionError
 from robot_energy.foundation.files.xml_encoding import xml_encoding
 from robot_energy.foundation.shown_text import shown
+from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.physics.urdf.parse import MAX_URDF_BYTES
 
 TOPIC = "robot_description"
 MAX_XACRO_TIME = 60.0  # [s]
 MAX_REASON = 600  # characters of what xacro prints
 _STRING = "std_msgs/msg/String"
-_JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _from_bag(path: Path) -> RobotText:
         )
     names: dict[str, None] = {}  # in the first joint states of each topic
     for topic, info in bag.topics.items():
-        if info.msgtype == _JOINT_STATE and info.encoding == "cdr" and info.message_count != 0:
+        if info.msgtype == JOINT_STATE and info.encoding == "cdr" and info.message_count != 0:
             names.update(dict.fromkeys(str(name) for name in _first(bag, topic).name))
     xml = str(_first(bag, topics[0]).data)
     return RobotText(xml, f"{topics[0]} of {path.name}", None, tuple(names))

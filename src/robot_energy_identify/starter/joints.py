@@ -9,9 +9,9 @@ import numpy as np
 
 from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.actuators import Actuator
 from robot_energy.physics.urdf.limits import first_names
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.starter.actuators import Actuator
 from robot_energy_identify.starter.priors import RobotClass
 
 MAX_EFFORT_RATIO = 300.0

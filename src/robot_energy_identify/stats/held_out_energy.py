@@ -311,7 +311,7 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
 
 def _within(part: Compared, span: Span) -> Compared:
     """The readings that lie wholly inside a span."""
-    rows = (part.available_ns - part.duration_ns >= span[0]) & (part.available_ns <= span[1])
+    rows = (part.stamp_ns - part.duration_ns >= span[0]) & (part.stamp_ns <= span[1])
     return part[rows]
 
 

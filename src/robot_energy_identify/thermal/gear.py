@@ -26,11 +26,10 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.friction.samples import AVERAGED, FrictionData, moving_rows
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
-from robot_energy_identify.thermal.network import with_ambient
+from robot_energy_identify.thermal.network import CORRELATED, with_ambient
 
 MIN_WINDOWS = 60  # of 10 s with motion, in one recording
 MIN_RISE = 3.0  # K that a motor warms in it
-CORRELATED = 6  # windows whose errors are alike: one minute
 START = np.array([np.log(1800.0), 0.5, np.log(15.0), np.log(30.0)])
 SPREAD = np.array([1.0, 0.3, 1.0, 0.7])
 LOWEST = np.array([np.log(60.0), 0.0, np.log(0.05), np.log(4.0)])

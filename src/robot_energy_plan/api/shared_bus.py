@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
-from robot_energy.foundation.signature import lists
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.replay.api import ReplayOptions, run_replay
+from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.options import ReplayOptions
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.motion.load_motion import BAG, ToolOptions, load_motion
+from robot_energy_plan.motion.load_motion import BAG, load_motion
 from robot_energy_plan.optimization.forms import holds_trajectory
+from robot_energy_plan.options import SharedBusOptions
 from robot_energy_plan.results.shared_bus import SharedBusReport, shared_bus_report
 from robot_energy_plan.shared_bus import (
     BusRobot,
@@ -26,6 +29,7 @@ from robot_energy_plan.shared_bus import (
 )
 
 MAX_ROBOTS = 50
+OF_PROGRAMS, OF_BOTH = {"cycle_time", "temperature"}, {"topic", "tool", "progress"}
 
 
 @dataclass(frozen=True)
@@ -45,17 +49,12 @@ class SharedBusResult(Shown):
         return self.report.to_dict()
 
 
-@lists(ReplayOptions)
+@takes(SharedBusOptions)
 def shared_bus(
     motions: Sequence[str | Path],
     models: ModelName | Sequence[ModelName],
     temperature: float | Sequence[float] | Float | None = None,
-    *,
-    cycle_time: float | None = None,
-    same_start: bool = False,
-    topic: str | None = None,
-    tool: ToolOptions | None = None,
-    **options: Unpack[ReplayOptions],
+    **options: Unpack[SharedBusOptions],
 ) -> SharedBusResult:
     """Return what robots save if they share one DC bus instead of having a supply each.
 
@@ -64,11 +63,7 @@ def shared_bus(
             repeat in a common cycle.
         models: Of each robot, or one for all.
         temperature: Of all motors, for programs; None: the fallback of each model. [degC]
-        cycle_time: Of programs; None: the longest one. [s]
-        same_start: Whether recordings that were made at other times count as begun at once.
-        topic: Of a JointTrajectory in a bag.
-        tool: What G-code does not state.
-        **options: How bags are read: see `ReplayOptions`.
+        **options: What the robots do, and how bags are read: see `SharedBusOptions`.
 
     Returns:
         Energies apart and on one bus, and the saving with its band.
@@ -77,6 +72,7 @@ def shared_bus(
         MotionError: If there are not two robots at least, or recordings and programs are mixed.
         RobotEnergyError: If a motion or model cannot be used.
     """
+    topic, same_start = options.get("topic"), options.get("same_start", False)
     named: list[ModelName] = (
         [models] if isinstance(models, str | Path | RobotModel) else list(models)
     )
@@ -93,13 +89,12 @@ def shared_bus(
         raise MotionError(
             f"'{bag}' is a recording and '{program}' a program", "recordings alone, or programs"
         )
-    if all(recorded):
-        given = {"cycle time": cycle_time, "temperature": temperature}
-    else:
-        given = {"same start": same_start or None, **options}
-    if unused := [name for name, value in given.items() if value is not None and value != []]:
+    every: dict[str, object] = {**options, "temperature": temperature}
+    given = {name for name, value in every.items() if value is not None and value is not False}
+    foreign = given & OF_PROGRAMS if all(recorded) else given - OF_BOTH - OF_PROGRAMS
+    if unused := sorted(foreign):
         kind = "recordings" if all(recorded) else "programs"
-        raise MotionError(f"{unused[0]} does not apply to {kind}", "leave it out")
+        raise MotionError(f"{unused[0].replace('_', ' ')} does not apply to {kind}", "leave it out")
     if all(recorded):
         robots = [
             _replayed(path, model, options) for path, model in zip(motions, used, strict=True)
@@ -111,10 +106,10 @@ def shared_bus(
         return SharedBusResult(report, tuple(robots))
     robots: list[BusRobot] = []
     for path, model in zip(motions, used, strict=True):
-        motion = load_motion(path, Robot.from_model(model), tool, topic)
+        motion = load_motion(path, Robot.from_model(model), options.get("tool"), topic)
         degc = model.temperature.fallback_degc if temperature is None else temperature
         robots.append(planned_robot(motion.name, model, motion.motion, degc, motion.repeat))
-    report = shared_bus_report(robots, planned_exchange(robots, cycle_time))
+    report = shared_bus_report(robots, planned_exchange(robots, options.get("cycle_time")))
     return SharedBusResult(report, tuple(robots))
 
 
@@ -127,7 +122,7 @@ def _is_recording(path: str | Path, topic: str | None) -> bool:
 
 def _replayed(path: str | Path, model: RobotModel, options: ReplayOptions) -> BusRobot:
     robot = BusRobot(str(path), model)
-    found = run_replay(path, model, on_output=robot.take, **options)
+    found = replay(path, model, ReplaySetup.of(options), on_output=robot.take)
     robot.problems += found.problems
     if not found.topics.temperatures:
         robot.notes.append(f"no motor temperatures were recorded in {path}")

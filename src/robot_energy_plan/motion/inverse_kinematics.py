@@ -21,16 +21,15 @@ from numpy.typing import NDArray
 from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.motion.planar import PlanarArm
+from robot_energy_plan.motion.planar import MAX_STEP, PlanarArm
+from robot_energy_plan.motion.ptp import LIMIT_TOLERANCE
 
 IN_PLACE = 1e-10  # m, and rad of the orientation
 LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm
 SINGULAR = 1e-3  # least singular value of a Jacobian [m/rad], a turn counting as one metre
 DAMPING = 1e-2  # below this singular value steps are damped
-MAX_STEP = 0.3  # rad
 MAX_STEPS = 100
 JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is not motion but another branch
-LIMIT_TOLERANCE = 1e-9  # rad or m
 SPATIAL_JOINTS = 6
 
 

@@ -22,7 +22,7 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float, Int
 
 DEFAULT_JERK_TIME = 0.05  # s
-LIMIT_TOLERANCE = 1e-9  # rad
+LIMIT_TOLERANCE = 1e-9  # rad or m
 MIN_DISTANCE = 1e-12  # rad; less is rounding and takes no time
 
 

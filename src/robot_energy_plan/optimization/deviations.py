@@ -30,8 +30,8 @@ from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
-from robot_energy.pipeline.consecutive import ConsecutiveBlocks
 from robot_energy.timeline.blocks import Float
+from robot_energy_plan.consecutive import ConsecutiveBlocks
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 """Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""

@@ -18,6 +18,7 @@ from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import NANOSECOND, Float, TorqueBlock
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.motion.sampled_motion import motion_from_position, uniform
@@ -48,10 +49,9 @@ def recorded_motion(
         if output.torque is not None and len(output.torque.stamp_ns):
             found.append(output.torque)
 
-    result = replay(
-        path, model, Topics(joint_states=(topic,) if topic else None), Settings(power_period=None),
-        on_output=keep, time_range=time_range,
-    )  # fmt: skip
+    topics, settings = Topics((topic,) if topic else None), Settings(power_period=None)
+    setup = ReplaySetup(topics=topics, settings=settings, time_range=time_range)
+    result = replay(path, model, setup, on_output=keep)
     expected = f"one recorded cycle without a gap, at most {MAX_TIME:g} s long"
     remedy = "choose a part of the bag with --start and --end"
     if not found:

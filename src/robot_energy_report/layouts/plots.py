@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from robot_energy.bag.cdr.schema import compile_schema, leaf
 from robot_energy.bag.cdr.types import ENERGY_PACKAGE, definition, typestore
 from robot_energy.foundation.errors import LayoutError
+from robot_energy.messages.fields import METER_TOPIC, TEMPERATURES_TOPIC
 
-JOINT_STATES = "/joint_states"
 DIAGNOSTICS = "/diagnostics"
 UNIT = re.compile(r"\[([^\]\d][^\]]*)\]")
 FIELD = re.compile(r"^(\S+)\s+(\w+)\s*$")
@@ -67,8 +67,8 @@ TOPICS = (
     ("/energy/joint_torque", "JointTorque", "", "Torque"),
     ("/energy/joint_friction", "JointFriction", "", "Friction"),
     ("/energy/payload", "Payload", "", ""),
-    ("/power_meter", "PowerReading", "Meter", ""),
-    ("/motor_temperatures", "MotorTemperatures", "", "Temperatures"),
+    (METER_TOPIC, "PowerReading", "Meter", ""),
+    (TEMPERATURES_TOPIC, "MotorTemperatures", "", "Temperatures"),
 )
 JOINTS = "joints"
 # The first page: titles, and fields of one topic in each.

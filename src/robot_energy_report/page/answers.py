@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import asyncio
 import gzip
+import json
+from typing import Any
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 PATIENCE = 5.0  # for a body to arrive [s]
 
 
-async def body_of(request: Request, most: int) -> bytes:
-    """Return the body of a request.
-
-    Raises:
-        TimeoutError: If it does not arrive.
-        ValueError: If it is too long.
-    """
+async def json_of(request: Request, most: int) -> Any:
+    """Return what the body of a request says; None if it is too long, late or no JSON."""
     body = b""
-    async with asyncio.timeout(PATIENCE):
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > most:
-                raise ValueError(f"a body of more than {most} bytes")
-    return body
+    try:
+        async with asyncio.timeout(PATIENCE):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > most:
+                    return None
+        return json.loads(body)
+    except (TimeoutError, ClientDisconnect, ValueError, RecursionError):
+        return None
 
 
 def takes_gzip(request: Request) -> bool:

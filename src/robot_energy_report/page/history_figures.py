@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.differences import FLAGS, UNRESOLVED
 from robot_energy.timeline.time_series import TimeSeries
+from robot_energy_history.differences import FLAGS, UNRESOLVED
+from robot_energy_history.spans import rows_of
 from robot_energy_report.page.history_period import Period
 
 MAX_SERIES = 8  # bars of one part of the time; further robots or joints are summed up
@@ -80,13 +81,6 @@ def _less(one: Row, other: Row) -> Row:
         if name not in (*KEPT, "flags", PEAK)
     }
     return {**one, **left}
-
-
-def rows_of(table: TimeSeries) -> list[Row]:
-    """Return the rows of a table, each by the names of its columns."""
-    flat = table.to_dict()
-    columns = [values.tolist() for values in flat.values()]
-    return [dict(zip(flat, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
 def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, Any]]:

@@ -3,33 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 from typing import Any
 from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.time_zone import time_zone
-from robot_energy.foundation.units import HOUR_NS, MINUTE_NS, SECOND_NS
-from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.spans import Resolution, edges
-from robot_energy.history.tariffs import day_begin
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
+from robot_energy_history.api import stamp_of
+from robot_energy_history.differences import SLOT_NS
+from robot_energy_history.spans import Resolution, edges
+from robot_energy_history.tariffs import day_begin
 
 KINDS: dict[str, Resolution] = {
     "hour": "hour", "day": "day", "week": "week", "month": "month", "year": "year",
 }  # fmt: skip
 SPAN = "span"
-_DAY_NS = 24 * HOUR_NS
 PARTS: dict[str, Resolution] = {
     "hour": "minute", "day": "hour", "week": "day", "month": "day", "year": "month",
 }  # fmt: skip
 """Into which parts each kind is divided."""
 SPANS: tuple[tuple[int, Resolution], ...] = (
-    (3 * HOUR_NS, "minute"), (3 * _DAY_NS, "hour"), (100 * _DAY_NS, "day"),
-    (1200 * _DAY_NS, "month"),
+    (3 * HOUR_NS, "minute"), (3 * DAY_NS, "hour"), (100 * DAY_NS, "day"),
+    (1200 * DAY_NS, "month"),
 )  # fmt: skip
 """Parts of a span up to each length [ns]; of a longer one years."""
 MAX_YEARS = 100
+MAX_NS = 7_200_000_000 * SECOND_NS  # of an instant that is asked for
 LABELS = {"year": "%Y", "month": "%b", "day": "%-d", "hour": "%H", "quarter": "%H:%M"}
 NAMES = {
     "hour": "%F %H:%M", "day": "%A %F", "week": "week %V of %G", "month": "%B %Y", "year": "%Y",
@@ -139,19 +140,10 @@ class Period:
         return f"{self._local(start):%F %H:%M} to {self._local(stop):%H:%M}"
 
     def _local(self, stamp_ns: int) -> datetime:
-        return datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC).astimezone(self.zone)
+        return local_time(stamp_ns, self.zone)
 
     def _wall(self, stamp_ns: int) -> datetime:
         return self._local(stamp_ns).replace(tzinfo=None)
-
-
-def zone_of(name: str) -> ZoneInfo:
-    """Return a time zone."""
-    try:
-        return time_zone(name)
-    except ValueError as error:
-        expected = str(error).removeprefix("expected ")
-        raise HistoryError(f"time zone '{name[:64]}'", expected) from error
 
 
 def period_at(kind: str, stamp_ns: int, zone: ZoneInfo) -> Period:
@@ -167,7 +159,7 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
     """Return any span, made longer so that it has whole parts."""
     start_ns, stop_ns = start_ns // SLOT_NS * SLOT_NS, -(-stop_ns // SLOT_NS) * SLOT_NS
     length = stop_ns - start_ns
-    if not 0 < length <= MAX_YEARS * 366 * _DAY_NS:
+    if not 0 < length <= MAX_YEARS * 366 * DAY_NS:
         raise HistoryError("a span that ends before it begins, or is too long",
                            f"up to {MAX_YEARS} years")  # fmt: skip
     parts: Resolution = "year"
@@ -183,17 +175,10 @@ def instant(text: str, zone: ZoneInfo) -> int:
     Args:
         text: A date, or date and time, local to the zone unless it says its offset.
     """
-    try:
-        found = datetime.fromisoformat(text)
-        local = found if found.tzinfo else found.replace(tzinfo=zone)
-        seconds = local.timestamp()
-    except (ValueError, OverflowError):
-        raise HistoryError(
-            f"time '{text[:40]}'", "a date such as 2026-03-29, or 2026-03-29T06:00"
-        ) from None
-    if not 0 <= seconds < 7.2e9:
+    stamp_ns = stamp_of(text, zone)
+    if not 0 <= stamp_ns < MAX_NS:
         raise HistoryError(f"time '{text[:40]}'", "one from 1970 to 2190")
-    return int(seconds) // 60 * MINUTE_NS
+    return stamp_ns // MINUTE_NS * MINUTE_NS
 
 
 def _first_day(day: date, kind: str, step: int) -> date:

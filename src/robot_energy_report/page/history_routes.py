@@ -5,30 +5,33 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from robot_energy.foundation.errors import HistoryError, RobotEnergyError
 from robot_energy.foundation.schema_errors import refusal
-from robot_energy.history.tariffs import Tariff
-from robot_energy_report.page.answers import body_of, packed
+from robot_energy_history.tariffs import Tariff
+from robot_energy_report.page.answers import json_of, packed
 from robot_energy_report.page.history_savings import (
     friction_answer,
     savings_answer,
     savings_wish,
 )
-from robot_energy_report.page.history_view import HistoryView
+from robot_energy_report.page.history_view import HistoryView, Wish
 from robot_energy_report.page.json_numbers import json_text
 
 WORKERS = 2  # answers that are worked on at the same time; the live page has a thread of its own
 MAX_WAITING = 32  # requests beyond it are refused
 MAX_TARIFF = 16 * 1024  # of a request with one [bytes]
+Asked = dict[str, list[str]]
+Answer = Callable[[Wish, Asked, int], dict[str, Any]]
 
 
 class HistoryRoutes:
@@ -40,13 +43,21 @@ class HistoryRoutes:
 
     def __init__(self, folder: Path, allow_control: bool) -> None:
         self._view, self._control = HistoryView(folder), allow_control
+        answers: dict[str, Answer] = {
+            "": self._answer,
+            "/shifts": lambda wish, asked, now_ns: self._view.shifts(wish),
+            "/savings": self._savings,
+            "/friction": lambda wish, asked, now_ns: friction_answer(
+                folder, wish.robots, wish.period
+            ),
+        }
         self._workers = ThreadPoolExecutor(WORKERS, "history")
         self._waiting = 0
         self.routes = [
-            Route("/api/history", self._answer, methods=["GET"]),
-            Route("/api/history/shifts", self._shifts, methods=["GET"]),
-            Route("/api/history/savings", self._savings, methods=["GET"]),
-            Route("/api/history/friction", self._friction, methods=["GET"]),
+            *(
+                Route(f"/api/history{path}", self._json(answer), methods=["GET"])
+                for path, answer in answers.items()
+            ),
             Route("/history.csv", self._csv, methods=["GET"]),
         ]
         if allow_control:
@@ -56,34 +67,24 @@ class HistoryRoutes:
         """Take no more requests."""
         self._workers.shutdown(wait=False, cancel_futures=True)
 
-    async def _answer(self, request: Request) -> Response:
-        def work(now_ns: int) -> str:
-            wish = self._view.wish(_asked(request), now_ns)
-            return json_text({**self._view.answer(wish, now_ns), "control": self._control})
+    def _answer(self, wish: Wish, asked: Asked, now_ns: int) -> dict[str, Any]:
+        return {**self._view.answer(wish, now_ns), "control": self._control}
 
-        return await self._worked(request, work, "application/json")
+    def _savings(self, wish: Wish, asked: Asked, now_ns: int) -> dict[str, Any]:
+        days = savings_wish(asked, wish.period, now_ns)
+        return savings_answer(self._view.folder, wish.robots, wish.period, days)
 
-    async def _shifts(self, request: Request) -> Response:
-        def work(now_ns: int) -> str:
-            return json_text(self._view.shifts(self._view.wish(_asked(request), now_ns)))
+    def _json(self, answer: Answer) -> Callable[[Request], Awaitable[Response]]:
+        """Return the route that gives the answer to a wish."""
 
-        return await self._worked(request, work, "application/json")
+        async def route(request: Request) -> Response:
+            def work(now_ns: int) -> str:
+                asked = _asked(request)
+                return json_text(answer(self._view.wish(asked, now_ns), asked, now_ns))
 
-    async def _savings(self, request: Request) -> Response:
-        def work(now_ns: int) -> str:
-            asked = _asked(request)
-            wish = self._view.wish(asked, now_ns)
-            days = savings_wish(asked, wish.period, now_ns)
-            return json_text(savings_answer(self._view.folder, wish.robots, wish.period, days))
+            return await self._worked(request, work, "application/json")
 
-        return await self._worked(request, work, "application/json")
-
-    async def _friction(self, request: Request) -> Response:
-        def work(now_ns: int) -> str:
-            wish = self._view.wish(_asked(request), now_ns)
-            return json_text(friction_answer(self._view.folder, wish.robots, wish.period))
-
-        return await self._worked(request, work, "application/json")
+        return route
 
     async def _csv(self, request: Request) -> Response:
         def work(now_ns: int) -> str:
@@ -94,9 +95,8 @@ class HistoryRoutes:
         return answer
 
     async def _tariff(self, request: Request) -> Response:
-        try:
-            given = json.loads(await body_of(request, MAX_TARIFF))
-        except (TimeoutError, ClientDisconnect, ValueError, RecursionError):
+        given = await json_of(request, MAX_TARIFF)
+        if given is None:
             return PlainTextResponse("expected JSON with a tariff\n", 400)
 
         def work(now_ns: int) -> str:
@@ -126,8 +126,8 @@ class HistoryRoutes:
             self._waiting -= 1
 
 
-def _asked(request: Request) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+def _asked(request: Request) -> Asked:
+    found: Asked = {}
     for name, value in request.query_params.multi_items():
         found.setdefault(name, []).append(value)
     return found

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import JOULE_PER_KWH, SECOND_NS
-from robot_energy.history.api import history_friction
-from robot_energy.history.baseline import BAND
-from robot_energy.history.savings import DRIVERS, EnergySavings, savings_by_robot
-from robot_energy.history.spans import Resolution
-from robot_energy.history.tariffs import day_begin
-from robot_energy_report.page.history_figures import Row, rows_of
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH
+from robot_energy_history.api import history_friction
+from robot_energy_history.baseline import BAND
+from robot_energy_history.savings import DRIVERS, EnergySavings, savings_by_robot
+from robot_energy_history.spans import Resolution, rows_of
+from robot_energy_history.tariffs import day_begin
+from robot_energy_report.page.history_figures import Row
 from robot_energy_report.page.history_period import Period, instant, period_at
 
 MAX_DAYS = 1200  # of a baseline, and of the days that are compared with it
@@ -47,12 +47,12 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
         period_at("day", instant(first.get(name, ""), zone), zone).start_ns
         for name in ("baseline_start", "baseline_stop")
     )
-    today = day_begin(datetime.fromtimestamp(now_ns // SECOND_NS, zone).date(), zone)
+    today = day_begin(local_time(now_ns, zone).date(), zone)
     reported = period.start_ns, min(period.stop_ns, today)
     if reported[0] >= reported[1] or period.kind == "hour":
         raise HistoryError(f"{period.name}, which has no day that is over", "whole days")
     for begin, end in ((start, stop), reported):
-        days = (end - begin) / (86400 * SECOND_NS)
+        days = (end - begin) / DAY_NS
         if not 0 < days <= MAX_DAYS:
             raise HistoryError(f"{days:.0f} days", f"1 to {MAX_DAYS} days")
     if stop > reported[0] and start < reported[1]:

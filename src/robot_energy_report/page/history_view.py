@@ -12,13 +12,13 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.history.api import History, history, history_events, job_sums
-from robot_energy.history.differences import SLOT_NS
-from robot_energy.history.files import open_reader, reader
-from robot_energy.history.schema import JOB_SUMS
-from robot_energy.history.spans import robots_of
-from robot_energy.history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy.timeline.time_series import TimeSeries
+from robot_energy_history.api import History, history, history_events, job_sums
+from robot_energy_history.differences import SLOT_NS
+from robot_energy_history.files import open_reader, reader
+from robot_energy_history.schema import JOB_SUMS
+from robot_energy_history.spans import robots_of, rows_of, zone_of
+from robot_energy_history.tariffs import Tariff, add_tariffs, stored_tariffs
 from robot_energy_report.page.history_figures import (
     GROUPS,
     IMPORT,
@@ -30,7 +30,6 @@ from robot_energy_report.page.history_figures import (
     parts_of,
     remarks_of,
     rests_of,
-    rows_of,
     series_of,
     summed,
     total_of,
@@ -41,7 +40,6 @@ from robot_energy_report.page.history_period import (
     instant,
     period_at,
     span_of,
-    zone_of,
 )
 
 SHOWN_OF_JOBS = ("observed_ns", IMPORT)
@@ -248,7 +246,7 @@ class HistoryView:
             ended: Of each part of the period, or of all of it.
         """
         earlier = rows_of(self._ended(wish, before, whole=True))
-        means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in earlier}
+        means = {(one["robot"], one["job"]): one["microjoule_per_part"] / 1e6 for one in earlier}
         sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)
         for one in ended:
             held = sums[one["robot"], one["job"]]
@@ -258,7 +256,7 @@ class HistoryView:
         return [
             {"robot": key[0], "name": key[1], "count": one["parts"],
              "time": one["observed_ns"] / one["parts"] / SECOND_NS, "energy": one[IMPORT] / 1e6,
-             "mean": one[IMPORT] / one["parts"] / 1e6, "before": _joule(means.get(key))}
+             "mean": one[IMPORT] / one["parts"] / 1e6, "before": means.get(key)}
             for key, one in rows[:MAX_JOBS]
         ]  # fmt: skip
 
@@ -272,7 +270,3 @@ class HistoryView:
              "kind": one["kind"], "text": one["text"]}
             for one in rows_of(found)[: -MAX_EVENTS - 1 : -1]
         ]  # fmt: skip
-
-
-def _joule(microjoule: float | None) -> float | None:
-    return None if microjoule is None else microjoule / 1e6

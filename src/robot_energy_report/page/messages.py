@@ -9,14 +9,13 @@ from typing import Any, cast
 import numpy as np
 
 from robot_energy.bag.cdr import Decoder, RawBatch, Run, stamp_ns
-from robot_energy.messages.fields import ENERGY_REGISTERS, FRAME, JOINT_FIELDS, RECORDING
+from robot_energy.messages.fields import ENERGY_REGISTERS, FRAME, JOINT_FIELDS, RECORDING, STAMP
 from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy.timeline.stamps import valid_stamps
 from robot_energy_report.page.rows import LOAD_ENERGIES, LOAD_POWERS
 
-STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 POWERS = (
     "predicted_grid_power",
     "measured_power",

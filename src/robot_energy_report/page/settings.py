@@ -9,7 +9,7 @@ from pydantic import Field
 from robot_energy.foundation.config_file import load
 from robot_energy.foundation.errors import PageError
 from robot_energy.foundation.units import JOULE_PER_KWH
-from robot_energy.history.tariffs import Prices
+from robot_energy_history.tariffs import Prices
 
 
 class PageSettings(Prices):

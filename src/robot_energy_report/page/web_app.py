@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections import Counter
 from typing import Any, cast
 
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import Message, Receive, Scope, Send
@@ -17,7 +16,7 @@ from starlette.types import Message, Receive, Scope, Send
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
 from robot_energy.foundation.errors import RegisterError
 from robot_energy_report.page.access import PageAccess
-from robot_energy_report.page.answers import body_of, packed, takes_gzip
+from robot_energy_report.page.answers import json_of, packed, takes_gzip
 from robot_energy_report.page.history_routes import HistoryRoutes
 from robot_energy_report.page.hub import ACTIONS, PageHub
 from robot_energy_report.page.json_numbers import json_text
@@ -172,10 +171,7 @@ def _shown(request: Request) -> str:
 
 async def _wish(request: Request) -> tuple[str, str, str] | None:
     """Robot, action and text of a request for an action; None if it has none."""
-    try:
-        found = json.loads(await body_of(request, MAX_BODY))
-    except (TimeoutError, ClientDisconnect, ValueError, RecursionError):
-        return None
+    found = await json_of(request, MAX_BODY)
     if not isinstance(found, dict):
         return None
     values = cast("dict[str, Any]", found)

@@ -15,6 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
+from robot_energy.messages.fields import (
+    DRIVE_POWER_TOPIC,
+    JOINT_STATES_TOPIC,
+    METER_TOPIC,
+    TEMPERATURES_TOPIC,
+)
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
@@ -26,12 +32,8 @@ from robot_energy.timeline.blocks import (
 )
 from robot_energy_rig.output import RigJoints
 from robot_energy_rig.record import (
-    DRIVE_POWER,
     JOINT_DELAY_NS,
-    JOINT_STATES,
     METER_DELAY_NS,
-    MOTOR_TEMPERATURES,
-    POWER_METER,
     TEMPERATURE_DELAY_NS,
     TYPES,
     RigEncoder,
@@ -113,14 +115,14 @@ def record(
     thermometers = _temperatures(run.degc[blocks, which], sensors)
     readings = _readings(grid, sensors, random)
     topics = (
-        (JOINT_STATES, JOINT_DELAY_NS, joints, encoder.joint_states(joints)),
+        (JOINT_STATES_TOPIC, JOINT_DELAY_NS, joints, encoder.joint_states(joints)),
         (
-            MOTOR_TEMPERATURES,
+            TEMPERATURES_TOPIC,
             TEMPERATURE_DELAY_NS,
             thermometers,
             encoder.temperatures(thermometers),
         ),
-        (POWER_METER, METER_DELAY_NS, readings, encoder.meter(readings)),
+        (METER_TOPIC, METER_DELAY_NS, readings, encoder.meter(readings)),
     )
     messages = sorted(
         message
@@ -129,8 +131,8 @@ def record(
     )
     with BagWriter(path, overwrite=True, origin=ORIGIN) as bag:
         for topic, kind in TYPES.items():
-            if topic != DRIVE_POWER:
-                bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES else []))
+            if topic != DRIVE_POWER_TOPIC:
+                bag.add_topic(topic, kind, *([SENSOR_QOS] if topic == JOINT_STATES_TOPIC else []))
         bag.write_in_order(messages)
     ends = run.degc[blocks][[0, -1], which]
     return RigRecording(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import pairwise
 
 import numpy as np
@@ -162,14 +163,27 @@ def test_how_the_input_is_cut_makes_no_difference(response):
         np.testing.assert_allclose(joined, getattr(found[0], name), rtol=1e-9, atol=1e-9)
 
 
+def test_where_the_meter_is_ahead_of_the_prediction_no_sample_is_kept_for_long():
+    """As with a wide derivative window: every sample is compared in the step that brings it."""
+    power, shown = work(600)
+    comparison = Comparison(response=MeterResponse(0.3, stated=True))
+    comparison.measure(readings(shown))
+    tracemalloc.start()
+    compared(comparison, power, range(RATE, len(power), RATE))
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert comparison.compared_ns > 590 * SECOND
+    assert held < len(power) * 8  # a sixth of what all samples take
+
+
 def test_a_lag_that_nobody_states_is_found_and_used_from_then_on():
     power, shown = work(240)
     comparison = Comparison()
     comparison.measure(readings(shown))
     found = compared(comparison, power)
-    late = found.available_ns > 120 * SECOND
+    late = found.stamp_ns > 120 * SECOND
     assert comparison.response.time_constant == pytest.approx(0.3, abs=0.03)
-    early = found.available_ns < 60 * SECOND
+    early = found.stamp_ns < 60 * SECOND
     np.testing.assert_allclose(found.predicted[early], found.drawn[early], rtol=1e-9)
     assert off(found[late]) < 0.2 * off(found[early])
 
@@ -199,7 +213,7 @@ def test_a_jump_back_of_the_clock_keeps_the_lag():
     for _ in range(2):
         comparison.measure(readings(shown))
         found = compared(comparison, power)
-    early = found.available_ns < 30 * SECOND
+    early = found.stamp_ns < 30 * SECOND
     assert off(found[early]) < 50.0
 
 

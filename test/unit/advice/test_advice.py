@@ -11,11 +11,11 @@ import robot_energy as re
 from fleets import dataset
 from places import ROOT
 from robot_energy.foundation.errors import DatasetError, ParameterError
-from robot_energy.history.store import HistoryStore
 from robot_energy.model import load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
+from robot_energy_fleet.advice.advise import _advice, _basis
 from robot_energy_fleet.advice.claims import (
     Claim,
     regenerative,
@@ -31,9 +31,9 @@ from robot_energy_fleet.advice.evidence import (
     RecordedEvidence,
     RecordedRest,
 )
-from robot_energy_fleet.advice.run import _advice, _basis
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.documents.advice import TITLES, advice_document
+from robot_energy_history.store import HistoryStore
 from robot_energy_plan.motion.ptp import MotionLimits
 from robot_energy_plan.motion.ptp_file import program_for, read_program
 from robot_energy_plan.motion.ptp_loop import Program
@@ -282,7 +282,8 @@ def test_rests_are_those_of_the_program(bag):
 
 def test_what_overlaps_is_counted_once():
     basis = _basis(
-        RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
+        RecordedEvidence(observed_time=3600.0, grid_energy=1e6),
+        {"hours_per_day": 1.0, "days_per_year": 1.0},
     )
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
     assert _advice(claim, basis).overlaps == ("warm_up", "regenerative", "shared_bus")

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from robot_energy.condition.api import condition_over
 from robot_energy.foundation.errors import BagError, ParameterError
+from robot_energy.replay.api import condition_over
 
 BAGS = Path(__file__).parents[3] / "bags"
 COLD, WARM = BAGS / "kr16_cold", BAGS / "kr16_warm"

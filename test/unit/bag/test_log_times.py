@@ -10,6 +10,7 @@ from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 
 TOPIC = "/joint_states"
 
@@ -51,11 +52,13 @@ def test_a_log_time_beyond_all_stamps_costs_its_own_message_at_most(wheel, tmp_p
     np.testing.assert_array_equal(
         by_header.account.registers.microjoule, clean.account.registers.microjoule
     )
-    received = replay(path, model, states=JointStateSource(stamp_source="receive"))
+    received = replay(path, model, ReplaySetup(states=JointStateSource(stamp_source="receive")))
     assert received.joint_states.rejections.rejected == {"bad_stamp": 1}
     del odd[row]
     rest = replay(
-        written(tmp_path / "rest.mcap", odd), model, states=JointStateSource(stamp_source="receive")
+        written(tmp_path / "rest.mcap", odd),
+        model,
+        ReplaySetup(states=JointStateSource(stamp_source="receive")),
     )
     np.testing.assert_array_equal(
         received.account.registers.microjoule, rest.account.registers.microjoule

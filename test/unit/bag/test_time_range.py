@@ -14,6 +14,7 @@ from robot_energy.bag.time_range import TimeRange
 from robot_energy.foundation.errors import BagError
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 
 COLD = ROOT / "bags" / "kr16_cold"
 STATES = "/joint_states"
@@ -45,7 +46,7 @@ def test_parts_of_a_bag_add_up_to_its_observed_time_and_energy():
     model = load("kr16")
     whole = replay(COLD, model).account
     parts = [
-        replay(COLD, model, time_range=TimeRange(start, end)).account
+        replay(COLD, model, ReplaySetup(time_range=TimeRange(start, end))).account
         for start, end in ((None, 12.0), (12.0, -10.0), (-10.0, None))
     ]
     observed = sum(int(part.counts.phase_ns.sum()) for part in parts)
@@ -55,7 +56,7 @@ def test_parts_of_a_bag_add_up_to_its_observed_time_and_energy():
 
 
 def test_temperatures_from_before_the_part_hold_in_it():
-    result = replay(COLD, load("kr16"), time_range=TimeRange(20.3, 20.6))
+    result = replay(COLD, load("kr16"), ReplaySetup(time_range=TimeRange(20.3, 20.6)))
     assert result.temperatures.rejections.accepted >= 15  # one a second
     assert any("from 20.3 to 20.6 s of" in note for note in result.notes)
 
@@ -89,4 +90,4 @@ def test_a_sqlite_bag_is_cut_alike(tmp_path):
 )
 def test_a_part_without_anything_is_refused(start, end):
     with pytest.raises(BagError, match="nothing of"):
-        replay(COLD, load("kr16"), time_range=TimeRange(start, end))
+        replay(COLD, load("kr16"), ReplaySetup(time_range=TimeRange(start, end)))

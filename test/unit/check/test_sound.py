@@ -10,6 +10,7 @@ from places import ROOT
 from robot_energy.model import load
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import check, check_together
 from robot_energy_identify.check.windows import MAX_SAMPLES, Windows
@@ -112,7 +113,9 @@ def test_two_causes_that_explain_the_same_are_named_and_none_is_blamed(tmp_path)
 
 def test_a_long_recording_is_kept_in_windows_that_are_spread_over_it():
     outputs: list[Output] = []
-    replay(SOUND, MODEL, None, Settings(power_period=None), on_output=outputs.append)
+    replay(
+        SOUND, MODEL, ReplaySetup(settings=Settings(power_period=None)), on_output=outputs.append
+    )
     length = 45_000_000_000
     windows, samples, rounds = Windows(MODEL), 0, 0
     while samples < 4 * MAX_SAMPLES:

@@ -5,9 +5,9 @@ import time
 import pytest
 
 from histories import MINUTE, Robot
-from robot_energy.history.friction import LearnedFriction
-from robot_energy.history.store import HistoryStore
 from robot_energy_cli.main import main
+from robot_energy_history.friction import LearnedFriction
+from robot_energy_history.store import HistoryStore
 
 TARIFF = """
 tariffs:

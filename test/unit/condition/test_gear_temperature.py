@@ -65,7 +65,7 @@ def test_the_range_of_the_law_is_that_of_the_gear():
     beyond = (power.quality & np.uint32(Quality.EXTRAPOLATED)) > 0
     assert not beyond[:20].any()  # the gear begins at 45 degC
     assert beyond[-1]
-    assert pipeline.power.thermal.friction_degc[0] > 60.0
+    assert pipeline.condition.thermal.friction_degc[0] > 60.0
 
 
 def torque_of(degc):
@@ -113,24 +113,24 @@ def test_friction_that_stays_high_is_not_taken_for_a_cold_gear():
     worn = turning(3 * 3600.0, effort=1.15 * torque_of(truth))
     pipeline = EnergyPipeline(wheel(), settings)
     played(pipeline, worn, readings(3 * 3600))
-    assert pipeline.power.thermal.friction_degc[0] == pytest.approx(truth[-1], abs=1.0)
+    assert pipeline.condition.thermal.friction_degc[0] == pytest.approx(truth[-1], abs=1.0)
 
 
 def test_a_restart_goes_on_where_it_was():
     first = EnergyPipeline(wheel())
     played(first, turning(1800.0), readings(1800))
-    record = first.power.thermal.state()
-    warm = first.power.thermal.friction_degc[0]
+    record = first.condition.thermal.state()
+    warm = first.condition.thermal.friction_degc[0]
     again = EnergyPipeline(wheel())
-    again.power.thermal.restore(type(record).from_json(record.to_json()))
+    again.condition.thermal.restore(type(record).from_json(record.to_json()))
     later = turning(30.0, start=1910.0)
     power = played(again, later, readings(30, start=1910))
     assert power.viscous[0, 0] == pytest.approx(viscous(warm), rel=0.02)
     rested = EnergyPipeline(wheel())
-    rested.power.thermal.restore(record)
+    rested.condition.thermal.restore(record)
     hours = turning(30.0, start=1900.0 + 6 * 3600.0)
     played(rested, hours, readings(30, 20.0, start=1900 + 6 * 3600))
-    assert rested.power.thermal.friction_degc[0] < AIR + 3.0
+    assert rested.condition.thermal.friction_degc[0] < AIR + 3.0
 
 
 def test_a_wider_start_widens_the_deviation():
@@ -138,7 +138,7 @@ def test_a_wider_start_widens_the_deviation():
     cold, warm = EnergyPipeline(model), EnergyPipeline(model)
     played(cold, turning(15.0), readings(15, AIR))
     played(warm, turning(15.0), readings(15, AIR + 25.0))
-    assert warm.power.thermal.friction_std[0] > 3.0 * cold.power.thermal.friction_std[0]
+    assert warm.condition.thermal.friction_std[0] > 3.0 * cold.condition.thermal.friction_std[0]
 
 
 def test_before_a_gear_has_begun_its_unknown_temperature_is_in_the_deviation():

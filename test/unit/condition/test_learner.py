@@ -7,11 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from robot_energy.condition.learner import Learning
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import load
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.timeline.blocks import Quality
+from robot_energy.timeline.blocks import Learning, Quality
 from robot_energy_rig import VirtualRig, load_profile
 from robot_energy_studies.learning_study import (
     at_work,
@@ -57,7 +56,7 @@ def test_any_cutting_teaches_the_same(learning, with_torque):
     whole = run(learning, with_torque, [])
     for cuts in (many[many < 7500].tolist(), [50 * k for k in range(1, 150)]):
         cut = run(learning, with_torque, cuts)
-        assert cut.power.condition.state() == whole.power.condition.state()
+        assert cut.condition.state() == whole.condition.state()
         np.testing.assert_array_equal(
             cut.account.registers.microjoule, whole.account.registers.microjoule
         )
@@ -72,8 +71,8 @@ def test_observing_changes_no_energy():
     np.testing.assert_array_equal(
         off.account.registers.microjoule, observed.account.registers.microjoule
     )
-    assert off.power.condition.end_ns is None
-    assert observed.power.condition.friction.valid.all()
+    assert off.condition.end_ns is None
+    assert observed.condition.friction.valid.all()
 
 
 @pytest.mark.parametrize("with_torque", [True, False])
@@ -81,7 +80,7 @@ def test_a_mistaken_model_follows_the_meter(with_torque):
     rows, pipeline = learning_study(PROFILE, Learning.APPLY, with_torque, 10)
     assert rows[0].error < -0.15
     assert all(abs(row.error) < 0.03 for row in rows[3:])
-    condition = pipeline.power.condition
+    condition = pipeline.condition
     assert condition.friction.valid.all() is np.bool_(with_torque)
     assert condition.meter.valid
     if with_torque:  # 1 / 0.7, times what the rig has and the model not
@@ -92,9 +91,9 @@ def test_what_was_learned_survives_a_restart():
     machine = rig()
     before = pipeline_of(WRONG, Learning.APPLY, True)
     at_work(before, machine, 3, True)
-    kept = before.power.condition.state()
+    kept = before.condition.state()
     after = pipeline_of(WRONG, Learning.APPLY, True)
-    after.power.condition.restore(type(kept).from_json(kept.to_json()))
+    after.condition.restore(type(kept).from_json(kept.to_json()))
     fresh = pipeline_of(WRONG, Learning.APPLY, True)
     output = machine.step(3000)
     for pipeline in (after, fresh):
@@ -106,14 +105,14 @@ def test_what_was_learned_survives_a_restart():
 
 
 def test_figures_of_another_model_are_refused():
-    kept = pipeline_of(WRONG, Learning.OBSERVE, True).power.condition.state()
+    kept = pipeline_of(WRONG, Learning.OBSERVE, True).condition.state()
     other = EnergyPipeline(load("kr16"))
     with pytest.raises(StateFileError, match="learned figures of model"):
-        other.power.condition.restore(kept)
+        other.condition.restore(kept)
 
 
 def test_a_file_of_the_first_format_is_refused():
-    kept = pipeline_of(WRONG, Learning.OBSERVE, True).power.condition.state()
+    kept = pipeline_of(WRONG, Learning.OBSERVE, True).condition.state()
     old = kept.model_dump(mode="json")
     for entry in old["wear"]["tests"]:
         del entry["contrasts"]
@@ -124,7 +123,7 @@ def test_a_file_of_the_first_format_is_refused():
 def test_a_file_of_the_second_format_keeps_its_records_of_wear():
     pipeline = pipeline_of(WRONG, Learning.OBSERVE, True)
     at_work(pipeline, rig(25.0), 9, True)
-    kept = pipeline.power.condition.state()
+    kept = pipeline.condition.state()
     old = kept.model_dump(mode="json")
     for entry in old["wear"]["tests"]:
         del entry["contrasts"]["levels"]
@@ -132,8 +131,8 @@ def test_a_file_of_the_second_format_keeps_its_records_of_wear():
         for record in entry["records"]:
             del record["work"], record["program"]
     after = pipeline_of(WRONG, Learning.OBSERVE, True)
-    after.power.condition.restore(type(kept).from_json(json.dumps(old).encode()))
-    before, now = (one.power.condition.wear.joints for one in (pipeline, after))
+    after.condition.restore(type(kept).from_json(json.dumps(old).encode()))
+    before, now = (one.condition.wear.joints for one in (pipeline, after))
     assert any(test.records for test in before)
     assert [test.records for test in before] == [test.records for test in now]
 
@@ -142,11 +141,11 @@ def test_a_file_of_the_second_format_keeps_its_records_of_wear():
 def test_friction_at_a_temperature_that_is_stuck_says_nothing_of_wear(quality):
     output = rig(50.0).step(1500)
     pipeline = pipeline_of(load("kr16"), Learning.OBSERVE, True)
-    learner, blocks = pipeline.power.condition, []
-    take, learner.step = learner.step, blocks.append
+    learner, blocks = pipeline.condition, []
+    take, learner.step = learner.step, lambda *given: blocks.append(given)
     pipeline.step(joint_block(output.joints), output.temperatures, None)
-    for block in blocks:
-        take(replace(block, quality=block.quality | np.uint32(quality)))
+    for block, degc in blocks:
+        take(replace(block, quality=block.quality | np.uint32(quality)), degc)
     learner.flush()
     assert learner.friction.parts.all()
     assert (np.array(learner.wear.state().hours) > 0).all() == (quality == Quality.OK)

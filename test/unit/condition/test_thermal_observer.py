@@ -92,7 +92,7 @@ def test_without_a_sensor_it_follows_the_losses_from_the_air_on():
     assert expected[-1] > 50.0
     assert (power.quality & np.uint32(Quality.TEMPERATURE_ESTIMATED) > 0).all()
     assert pipeline.power.fallback_use.sentence(None) == ""
-    assert pipeline.power.thermal.std[0] < 10.0
+    assert pipeline.condition.thermal.std[0] < 10.0
 
 
 def test_its_deviation_widens_that_of_the_friction():
@@ -104,7 +104,7 @@ def test_its_deviation_widens_that_of_the_friction():
     _, seen = played(model, turning(seconds=400.0), readings)
     assert (seen.quality[4:] & np.uint32(Quality.TEMPERATURE_ESTIMATED) == 0).all()
     np.testing.assert_allclose(seen.grid_power[-1], blind.grid_power[-1], rtol=0.02)
-    degc, std = pipeline.power.thermal.degc[0], pipeline.power.thermal.std[0]
+    degc, std = pipeline.condition.thermal.degc[0], pipeline.condition.thermal.std[0]
     ends = np.array([degc - std, degc + std])
     spread = 0.5 * abs(np.diff(0.06 * np.exp(-ends / 25.0))[0])
     column = CABINET_DEVIATIONS.index("temperature")
@@ -211,14 +211,14 @@ def test_a_stuck_reading_is_replaced():
 def test_a_restart_goes_on_and_has_cooled_meanwhile():
     model = wheel()
     pipeline, _ = played(model, turning(seconds=2400.0))
-    record = pipeline.power.thermal.state()
+    record = pipeline.condition.thermal.state()
     assert record is not None
-    warm = pipeline.power.thermal.degc[0]
+    warm = pipeline.condition.thermal.degc[0]
     for pause, expected in ((0.0, warm), (800.0, AIR + (warm - AIR) * np.exp(-1.0))):
         again = EnergyPipeline(model)
-        again.power.thermal.restore(type(record).from_json(record.to_json()))
+        again.condition.thermal.restore(type(record).from_json(record.to_json()))
         start = record.end_ns / S + pause + 0.5
         again.step(turning(seconds=5.0, start=start))
-        assert again.power.thermal.degc[0] == pytest.approx(expected, abs=1.5)
+        assert again.condition.thermal.degc[0] == pytest.approx(expected, abs=1.5)
     with pytest.raises(StateFileError, match="temperatures of model"):
         ThermalObserver(wheel(ambient=16.0)).restore(record)

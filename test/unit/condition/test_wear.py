@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from robot_energy.condition.drift_test import Drift
+from robot_energy.condition.drift import Drift
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.wear import MAX_SURE, WearAlarm, WearMonitor
 from robot_energy.condition.wear_records import FEATURES

@@ -15,7 +15,7 @@ from robot_energy_fleet import bag_row
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.bag_places import find_bags
 from robot_energy_fleet.dataset import Dataset
-from robot_energy_fleet.run import in_turn, run_fleet
+from robot_energy_fleet.fleet_run import in_turn, run_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 FILE = BAG / "kr16_all_topics_0.mcap"

@@ -21,13 +21,13 @@ from histories import HOUR, Robot
 from logbook import wheel_bag, wheel_model, wheel_start
 from places import ROOT
 from robot_energy.foundation.errors import DatasetError
-from robot_energy.history.store import HistoryStore
 from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.bag_row import replay_bag
 from robot_energy_fleet.dataset import Dataset, read_tables, scan
-from robot_energy_fleet.run import FleetRun, in_turn, run_fleet
+from robot_energy_fleet.fleet_run import FleetRun, in_turn, run_fleet
 from robot_energy_fleet.workers import on_dask
+from robot_energy_history.store import HistoryStore
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 WARM = ROOT / "bags" / "kr16_warm"

@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from robot_energy.condition.learner import Learning
 from robot_energy.condition.wear_records import FEATURES
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import load
@@ -19,6 +18,7 @@ from robot_energy.model.friction_laws import (
 )
 from robot_energy.model.payload import payload
 from robot_energy.physics.friction import ViscousLaw
+from robot_energy.timeline.blocks import Learning
 from robot_energy_fleet.bag_joints import bag_figures
 from robot_energy_fleet.bag_sums import HourSums
 from robot_energy_fleet.joint_sums import (
@@ -162,7 +162,7 @@ def test_sums_do_not_depend_on_how_samples_are_cut():
 
 def test_a_row_holds_plain_values_that_give_the_sums_back():
     sums, _, pipeline = run(RigConfig())
-    row = sums.table(pipeline.power.condition.wear)[2]
+    row = sums.table(pipeline.condition.wear)[2]
     gram = gram_of(row["friction_sums"])
     assert gram.shape == (COLUMNS, COLUMNS)
     assert np.array_equal(gram, sums.grams[2])

@@ -13,7 +13,6 @@ import robot_energy as re
 from fleets import dataset, fleet, written
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.units import HOUR_NS, MINUTE_NS
-from robot_energy.history.tariffs import PricePeriod
 from robot_energy.model import load
 from robot_energy_cli.main import main
 from robot_energy_fleet.dataset import read_tables
@@ -21,6 +20,7 @@ from robot_energy_fleet.documents.fleet import fleet_document, fleet_headline
 from robot_energy_fleet.identify import identify_fleet
 from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.tables import SCHEMAS, FleetTables
+from robot_energy_history.tariffs import PricePeriod
 from robot_energy_report.document import Document
 from robot_energy_report.html import page_html
 from robot_energy_report.page.settings import PageSettings

@@ -5,11 +5,11 @@ import pytest
 from histories import DAY, HOUR, MINUTE, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.api import history, history_events, history_jobs
-from robot_energy.history.bags import BagReadings
-from robot_energy.history.check import check
-from robot_energy.history.schema import JOB_COLUMNS
-from robot_energy.history.store import HistoryStore
+from robot_energy_history.api import history, history_events, history_jobs
+from robot_energy_history.bags import BagReadings
+from robot_energy_history.check import check
+from robot_energy_history.schema import JOB_COLUMNS
+from robot_energy_history.store import HistoryStore
 
 IMPORT = "predicted_import_microjoule"
 JOB = dict.fromkeys(JOB_COLUMNS, 0) | {"name": "weld", IMPORT: 7}

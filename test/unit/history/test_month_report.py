@@ -11,9 +11,9 @@ from histories import DAY, HOUR, Robot
 from pages import read
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff, add_tariffs
 from robot_energy_cli import main
+from robot_energy_history.store import HistoryStore
+from robot_energy_history.tariffs import Tariff, add_tariffs
 from robot_energy_report.canvas import PART_COLOURS
 from robot_energy_report.history_month import PARTS, month_document
 from robot_energy_report.html import page_html

@@ -18,8 +18,9 @@ from histories import DAY, HOUR, MINUTE, START, Robot
 from places import GRAFANA
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.files import open_reader
-from robot_energy.history.outputs import (
+from robot_energy_cli import main
+from robot_energy_history.files import open_reader
+from robot_energy_history.outputs import (
     COUNTERS,
     Wanted,
     csv_bytes,
@@ -29,9 +30,8 @@ from robot_energy.history.outputs import (
     rows,
     sql_bytes,
 )
-from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff, add_tariffs
-from robot_energy_cli import main
+from robot_energy_history.store import HistoryStore
+from robot_energy_history.tariffs import Tariff, add_tariffs
 
 IMPORT = "predicted_import_microjoule"
 NAMES = ("a", "cell 1/b,c=d", "o'brien; DROP TABLE robot_energy; --", '\u00fc\U0001f916"\\x')

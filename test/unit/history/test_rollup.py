@@ -9,15 +9,15 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
-from robot_energy.history import spans
-from robot_energy.history.api import history, history_jobs
-from robot_energy.history.check import check, repair
-from robot_energy.history.files import open_reader
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
-from robot_energy.history.rollup import Rolled
-from robot_energy.history.schema import JOB_COLUMNS
-from robot_energy.history.spans import pieces
-from robot_energy.history.store import HistoryStore
+from robot_energy_history import spans
+from robot_energy_history.api import history, history_jobs
+from robot_energy_history.check import check, repair
+from robot_energy_history.files import open_reader
+from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy_history.rollup import Rolled
+from robot_energy_history.schema import JOB_COLUMNS
+from robot_energy_history.spans import pieces
+from robot_energy_history.store import HistoryStore
 
 IMPORT = "predicted_import_microjoule"
 USED = COLUMNS.index(IMPORT)

@@ -20,17 +20,17 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag.cdr import stamp_columns
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history import readings, schema
-from robot_energy.history.api import history, history_events, history_friction, history_jobs
-from robot_energy.history.check import check, repair
-from robot_energy.history.differences import CLOCK, EARLIER
-from robot_energy.history.files import open_reader
-from robot_energy.history.friction import LearnedFriction
-from robot_energy.history.readings import COLUMNS, ReadingDecoder
-from robot_energy.history.store import MAX_ROBOTS, HistoryStore
-from robot_energy.history.tariffs import stored_tariffs
 from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.registers import RegistersWriter
+from robot_energy_history import readings, schema
+from robot_energy_history.api import history, history_events, history_friction, history_jobs
+from robot_energy_history.check import check, repair
+from robot_energy_history.differences import CLOCK, EARLIER
+from robot_energy_history.files import open_reader
+from robot_energy_history.friction import LearnedFriction
+from robot_energy_history.readings import COLUMNS, ReadingDecoder
+from robot_energy_history.store import MAX_ROBOTS, HistoryStore
+from robot_energy_history.tariffs import stored_tariffs
 
 IMPORT = "predicted_import_microjoule"
 

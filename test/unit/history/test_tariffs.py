@@ -9,9 +9,9 @@ import pytest
 from histories import DAY, HOUR, MINUTE, SECOND, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.api import history
-from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff, add_tariffs, load_tariffs, stored_tariffs
+from robot_energy_history.api import history
+from robot_energy_history.store import HistoryStore
+from robot_energy_history.tariffs import Tariff, add_tariffs, load_tariffs, stored_tariffs
 
 BERLIN = ZoneInfo("Europe/Berlin")
 IMPORT = "predicted_import_microjoule"

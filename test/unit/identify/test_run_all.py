@@ -16,6 +16,7 @@ from plants import PROGRAM, two_link_profile
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import Progress, replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning, Phase
 from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of
@@ -299,7 +300,9 @@ def test_energy_errors_are_those_of_replay(
     (entry,) = test.tested
     for stage, used in ((GIVEN, model), ("capacitor", whole.model)):
         settings = Settings(effort=TORQUE)
-        known = replay_report(replay(folder / "at_55", used, settings=settings)).comparison
+        known = replay_report(
+            replay(folder / "at_55", used, ReplaySetup(settings=settings))
+        ).comparison
         assert entry.error(stage) == pytest.approx(known.predicted_minus_measured_relative)
         assert entry.duration == pytest.approx(known.compared_time)
     assert entry.beyond == pytest.approx(14.0, abs=2.0)  # the fit knows 25 and 40 degC

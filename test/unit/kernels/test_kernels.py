@@ -26,8 +26,7 @@ from robot_energy.model import load, shipped_models
 from robot_energy.physics import kernels
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import PowerBlock
-from robot_energy.timeline.hold import HeldRows
+from robot_energy.timeline.blocks import HeldRows, PowerBlock
 from robot_energy.timeline.pieces import CoveredPieces
 
 seeds = st.integers(0, 2**32 - 1)

@@ -19,6 +19,7 @@ from robot_energy.model import load, shipped_models, validate
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.joint import Joint
 from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy_cli.kinds import kinds_listing
 from robot_energy_cli.main import main
@@ -125,7 +126,7 @@ def test_a_temperature_of_the_user_s_kind_decides_the_friction(toys, bag):
     source = TemperatureSource(
         topic="/tenths", type=TENTHS, joints=("axle",), stamp_source="receive"
     )
-    result = replay(bag, model, inputs=Inputs(temperature_sources={"motors": source}))
+    result = replay(bag, model, ReplaySetup(inputs=Inputs(temperature_sources={"motors": source})))
     energy = replay_report(result).energy
     # 0.5 N m and 0.015 N m s/rad at 10 rad/s: 6.5 W of the shaft, input 6.5 / 0.7 W and 50 W.
     share = 6.5 / (6.5 / EFFICIENCY + 50.0)

@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from places import ROOT
 from robot_energy.foundation.errors import LayoutError, MessageTypeError
+from robot_energy.messages.fields import JOINT_STATES_TOPIC
 from robot_energy.model import load
 from robot_energy_cli.main import main
 from robot_energy_report.layouts import LAYOUTS, write_layouts
@@ -105,7 +106,7 @@ def test_every_path_of_every_layout_leads_to_a_number_of_the_bag(folder, message
 
 def test_the_bag_has_all_topics_and_was_simulated(messages):
     named = {topic for topic, _, _, _ in plots_module.TOPICS}
-    assert set(messages) == named | {plots_module.JOINT_STATES, plots_module.DIAGNOSTICS}
+    assert set(messages) == named | {JOINT_STATES_TOPIC, plots_module.DIAGNOSTICS}
     assert messages["/energy/payload"].inertia.m == 5.0
     assert "simulated" in (BAG / "metadata.yaml").read_text()
 

@@ -11,7 +11,7 @@ from logbook import read_bag, write_csv
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import replay
 from robot_energy.timeline.blocks import Float
 from robot_energy_logs.ur_rtde import UR_JOINTS, import_ur_rtde

@@ -12,7 +12,7 @@ from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.messages.payload import PayloadReader, PayloadWriter, answer_set_payload
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
-from robot_energy.pipeline.payload_timeline import PayloadChange
+from robot_energy.pipeline.torque_stage import PayloadChange
 
 TYPE = "ros2_energy_msgs/msg/Payload"
 BODY = payload("fore", 3.0, (0.25, 0.1, -0.2), (0.03, 0.04, 0.05, 1e-3, -2e-3, 3e-3))

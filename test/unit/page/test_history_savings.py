@@ -8,7 +8,7 @@ import pytest
 from histories import DAY, START, record_days
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.savings import history_savings
+from robot_energy_history.savings import history_savings
 from robot_energy_report.page.history_savings import (
     friction_answer,
     savings_answer,

@@ -13,9 +13,9 @@ import pytest
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.history.schema import JOB_COLUMNS
-from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff, add_tariffs
+from robot_energy_history.schema import JOB_COLUMNS
+from robot_energy_history.store import HistoryStore
+from robot_energy_history.tariffs import Tariff, add_tariffs
 from robot_energy_report.page.history_figures import MAX_SERIES
 from robot_energy_report.page.history_period import KINDS, period_at, span_of
 from robot_energy_report.page.history_view import HistoryView

@@ -9,8 +9,8 @@ import pytest
 
 from histories import START, Robot
 from page_client import PATIENCE, request, state_of, wait_until
-from robot_energy.history.store import HistoryStore
-from robot_energy.history.tariffs import Tariff
+from robot_energy_history.store import HistoryStore
+from robot_energy_history.tariffs import Tariff
 from robot_energy_report.page import history_routes
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.history_view import HistoryView

@@ -123,7 +123,7 @@ def test_what_would_give_the_numbers_of_the_paper(quick):
     text = (folder / "report.html").read_text()
     assert "No single figure inside its range gives the 10.0 % of the paper" in text
     assert "of the draws reach the 10.0 % of the paper" in text
-    assert "Each of these alone gives the 2.00 K of the paper" in text
+    assert "Each of these figures alone gives the 2.00 K of the paper" in text
 
 
 @pytest.mark.long

@@ -42,10 +42,11 @@ from robot_energy_studies.simulator.robots import LOSSES, STEP, Robots, even
 
 PACKAGE = "robot_energy_studies"
 MASS, LENGTH, INERTIA, RATIO, ROTOR = 3.0, 0.4, 0.05, 10.0, 1e-3
-ALLOWED = {  # of what is not its own: containers, recordings, motions; no physics
+ALLOWED = {  # of what is not its own: containers, names of topics, recordings, motions; no physics
     "robot_energy.bag",
     "robot_energy.foundation.errors",
     "robot_energy.foundation.extras",
+    "robot_energy.messages.fields",
     "robot_energy.timeline.blocks",
     "robot_energy_plan.motion.ptp",
     "robot_energy_rig.output",

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robot_energy.condition.learner import Learning
 from robot_energy.model import load
-from robot_energy.timeline.blocks import PowerBlock
+from robot_energy.timeline.blocks import Learning, PowerBlock
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_studies.learning_study import joint_block, pipeline_of, work
 from robot_energy_studies.wear_cycle import RATE
@@ -29,8 +28,8 @@ def test_a_cycle_at_another_temperature_is_that_of_the_rig():
     pipeline = pipeline_of(load("kr16"), Learning.OBSERVE, True)
     pipeline.torque.set_payload(known)
     blocks: list[PowerBlock] = []
-    learner = pipeline.power.condition
-    learner.step = blocks.append
+    learner = pipeline.condition
+    learner.step = lambda block, _: blocks.append(block)
     output = rig.step(round(ROWS.cycle * RATE))
     pipeline.step(joint_block(output.joints), output.temperatures, None)
     block = PowerBlock.concatenate(blocks)

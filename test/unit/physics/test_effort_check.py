@@ -13,7 +13,8 @@ from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort_check import MIN_SAMPLES, EffortCheck
 from robot_energy.pipeline import Settings, TorqueStage
-from robot_energy.replay.api import run_replay
+from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_logs.ur_rtde import import_ur_rtde
 from robots import one_wheel
@@ -98,7 +99,7 @@ def test_a_model_without_torque_constants_offers_no_current():
 @pytest.mark.parametrize("taken_for", REAL)
 def test_currents_of_a_real_robot(tmp_path, taken_for):
     import_ur_rtde(sorted(Path(DATA).glob("rad_ur3e/*.csv"), reverse=True), tmp_path / "bag")
-    result = run_replay(tmp_path / "bag", load("ur3e"), effort=str(taken_for))
+    result = replay(tmp_path / "bag", load("ur3e"), ReplaySetup.of({"effort": str(taken_for)}))
     said = [note for note in result.notes if "the effort" in note]
     print(said)
     assert bool(said) == (taken_for is not CURRENT)

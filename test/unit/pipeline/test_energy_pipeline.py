@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.accounting.integration import TrapezoidIntegrator
+from accounts import power_block
+from robot_energy.accounting.registers import Registers
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import (
@@ -329,9 +330,9 @@ def test_one_absurd_velocity_is_a_gap_and_not_a_register_full_of_nonsense(speed,
 
 
 def test_an_energy_that_no_register_takes_is_a_gap():
-    registers = TrapezoidIntegrator()
-    power = np.array([[100.0], [3e15], [100.0], [100.0]])
-    taken = registers.step(np.arange(4) * 10**9, np.zeros(4, dtype=np.int64), power)
+    registers = Registers(2)
+    power = np.array([100.0, 3e15, 100.0, 100.0])
+    taken, _ = registers.step(power_block(np.arange(4) * 10**9, power))
     np.testing.assert_array_equal(taken.energy[:, 0], [0, 0, 0, 100])
     assert (registers.time.observed_ns, registers.time.gap_ns) == (10**9, 2 * 10**9)
 

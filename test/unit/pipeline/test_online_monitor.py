@@ -13,11 +13,11 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
-from robot_energy.history.check import check
-from robot_energy.history.files import open_reader
-from robot_energy.history.readings import COLUMNS, JOINT_COLUMNS
-from robot_energy.history.store import HistoryStore
-from robot_energy_fleet.bag_minutes import BagMinutes
+from robot_energy_fleet.bag_row import BagMinutes
+from robot_energy_history.check import check
+from robot_energy_history.files import open_reader
+from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
+from robot_energy_history.store import HistoryStore
 
 BAG = Path(__file__).resolve().parents[3] / "bags/kr16_warm"
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
@@ -108,7 +108,7 @@ def rows_of(folder):
 def test_live_and_fleet_run_give_equal_slots_and_live_goes_before(recorded, tmp_path, monkeypatch):
     """What a monitor records live, and a replay of the bag of the same work, a minute later."""
     later = int(recorded[0][0][-1]) + MINUTE_NS
-    monkeypatch.setattr("robot_energy_fleet.run.time.time_ns", lambda: later)  # keeps minutes
+    monkeypatch.setattr("robot_energy_fleet.fleet_run.time.time_ns", lambda: later)  # keeps minutes
     minutes = BagMinutes(re.load_model("kr16"))
     monitor, _ = run(recorded, (1, 7, 40, 3, 250), minutes)
     minutes.take(monitor.account, 0)

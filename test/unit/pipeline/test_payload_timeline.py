@@ -8,7 +8,7 @@ from refusals import refused
 from robot_energy.foundation.errors import PayloadError, RobotDescriptionError
 from robot_energy.model.payload import payload
 from robot_energy.pipeline import TorqueStage
-from robot_energy.pipeline.payload_timeline import MAX_COMING
+from robot_energy.pipeline.torque_stage import MAX_COMING
 from robot_energy.timeline.blocks import TorqueBlock
 
 MASS, LEVER = 3.0, 0.25

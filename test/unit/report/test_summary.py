@@ -11,6 +11,7 @@ from robot_energy.foundation.errors import MissingTopicError
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.base import SCHEMA_VERSION
 from robot_energy.results.model import count_tags
 from robot_energy.results.replay import replay_report
@@ -158,7 +159,9 @@ def test_figures_are_counted_by_how_they_are_known() -> None:
 
 def test_a_second_topic_of_a_kind_must_be_named(tmp_path: Path) -> None:
     with pytest.raises(MissingTopicError, match="has no /other"):
-        replay(wheel_bag(tmp_path), one_wheel(), Topics(joint_states=("/other",)))
+        replay(
+            wheel_bag(tmp_path), one_wheel(), ReplaySetup(topics=Topics(joint_states=("/other",)))
+        )
 
 
 def test_a_meter_that_was_reset_leaves_the_account_balanced(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from robot_energy.foundation.errors import ModelFileError, MotionError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.model import load, save
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy_cli.main import main
 from robot_energy_plan.motion import Program, random_program
@@ -70,7 +71,7 @@ def test_the_cabinet_is_that_of_a_replay_without_loads(report, recording):
 
 
 def test_processes_change_nothing(report, recording):
-    other = replay_report(replay(recording.path, load(str(CELL)), processes=3))
+    other = replay_report(replay(recording.path, load(str(CELL)), ReplaySetup(processes=3)))
     assert other.auxiliary == report.auxiliary
     assert other.inputs == report.inputs
     assert other.inputs["pump_meter_messages"].accepted == 40
@@ -103,7 +104,7 @@ def test_inputs_name_topics_and_scale(recording, tmp_path):
         "    swapped.topic: auxiliary/extruder/state\n"
     )
     inputs, _ = read_inputs(file)
-    found = replay_report(replay(recording.path, load(str(CELL)), inputs=inputs))
+    found = replay_report(replay(recording.path, load(str(CELL)), ReplaySetup(inputs=inputs)))
     loads = {one.name: one for one in found.auxiliary.loads}
     truth = recording.auxiliary_energy["pump"]
     assert loads["pump"].known_energy == pytest.approx(0.5 * truth, rel=0.01)

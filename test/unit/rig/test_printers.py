@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import load
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.friction import FrictionModel
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_plan.motion import InverseKinematics, Trajectory
 from robot_energy_rig import RigConfig, RigOutput, VirtualRig, load_profile
-from robot_energy_rig.record import DRIVE_POWER, outputs, record
+from robot_energy_rig.record import outputs, record
 
 PRINTERS = ("mantis", "testbed", "irb4600")
 SPEED, RADIUS = 0.125, 0.3  # m/s of paper B, m
@@ -95,9 +96,9 @@ def test_recorded_drive_power_is_what_the_drives_say(tmp_path):
     motion = Circle("mantis")
     rigs = [VirtualRig(load_profile("mantis"), motion, None, 5) for _ in range(2)]
     written = record(rigs[0], 2.0, tmp_path / "bag", drive_power=True)
-    assert written.messages[DRIVE_POWER] == 500
+    assert written.messages[DRIVE_POWER_TOPIC] == 500
     expected = RigOutput.concatenate(list(outputs(rigs[1], 2.0)))
-    found = drive_topics(DRIVE_POWER).read(tmp_path / "bag", rigs[0].joint_names)
+    found = drive_topics(DRIVE_POWER_TOPIC).read(tmp_path / "bag", rigs[0].joint_names)
     np.testing.assert_array_equal(found.power, expected.joints.measured_drive_power)
     error = found.power - expected.truth.drive_power
     assert 0.4 < error.std() < 0.7

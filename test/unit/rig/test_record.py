@@ -8,8 +8,9 @@ from refusals import refused
 from robot_energy.bag import BagReader
 from robot_energy.bag.cdr import Decoder, stamp_ns
 from robot_energy.foundation.errors import BagError, RigError
+from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from robot_energy_rig import RigConfig, RigOutput, VirtualRig
-from robot_energy_rig.record import JOINT_STATES, MOTOR_TEMPERATURES, POWER_METER, outputs, record
+from robot_energy_rig.record import outputs, record
 
 
 @pytest.fixture
@@ -37,10 +38,10 @@ def test_bag_holds_what_the_rig_gave(profile, tmp_path):
     recording = record(VirtualRig(profile, PROGRAM, seed=3), 5.0, tmp_path / "bag")
     expected = RigOutput.concatenate(list(outputs(VirtualRig(profile, PROGRAM, seed=3), 5.0)))
     bag = BagReader(tmp_path / "bag")
-    assert recording.messages == {JOINT_STATES: 1250, MOTOR_TEMPERATURES: 5, POWER_METER: 49}
+    assert recording.messages == {JOINT_STATES_TOPIC: 1250, TEMPERATURES_TOPIC: 5, METER_TOPIC: 49}
     assert {n: t.message_count for n, t in bag.topics.items()} == recording.messages
     log, stamp, names, position, velocity, effort = read(
-        bag, JOINT_STATES, ("name", "position", "velocity", "effort")
+        bag, JOINT_STATES_TOPIC, ("name", "position", "velocity", "effort")
     )
     assert names == ("shoulder", "elbow")
     np.testing.assert_array_equal(stamp, expected.joints.stamp_ns)
@@ -48,11 +49,11 @@ def test_bag_holds_what_the_rig_gave(profile, tmp_path):
     np.testing.assert_array_equal(position, expected.joints.joint_position)
     np.testing.assert_array_equal(velocity, expected.joints.joint_velocity)
     np.testing.assert_array_equal(effort, expected.joints.measured_motor_torque)
-    log, stamp, degc = read(bag, MOTOR_TEMPERATURES, ("temperature_degc",))
+    log, stamp, degc = read(bag, TEMPERATURES_TOPIC, ("temperature_degc",))
     np.testing.assert_array_equal(stamp, expected.temperatures.stamp_ns)
     np.testing.assert_array_equal(degc, expected.temperatures.motor_temperature_degc)
     log, stamp, power, interval, meaning, location = read(
-        bag, POWER_METER, ("power", "interval", "meaning", "location")
+        bag, METER_TOPIC, ("power", "interval", "meaning", "location")
     )
     np.testing.assert_array_equal(power, expected.meter.power)
     assert set(interval) == {0.1}

@@ -3,16 +3,16 @@
 import numpy as np
 
 import robots
-from robot_energy.condition.learner import Learning
 from robot_energy.model import load
 from robot_energy.model.joint import JointThermal
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.store.condition_store import ConditionStore
+from robot_energy.timeline.blocks import Learning
 
 
 def opened(folder, model="kr16", learning=Learning.OBSERVE, node="/cell/monitor"):
     used = load(model)
-    learner = EnergyPipeline(used, Settings(learning=learning)).power.condition
+    learner = EnergyPipeline(used, Settings(learning=learning)).condition
     store = ConditionStore(learner, used, folder, node=node)
     store.open()
     return learner, store
@@ -77,7 +77,7 @@ def test_estimated_temperatures_are_kept_and_need_no_learning(tmp_path):
 
     def opened_thermal():
         pipeline = EnergyPipeline(model, Settings(learning=Learning.OFF))
-        store = ConditionStore(pipeline.power.thermal, model, tmp_path, node="/cell/monitor")
+        store = ConditionStore(pipeline.condition.thermal, model, tmp_path, node="/cell/monitor")
         store.open()
         return pipeline, store
 
@@ -87,9 +87,9 @@ def test_estimated_temperatures_are_kept_and_need_no_learning(tmp_path):
     stamp = np.arange(100.0, 700.0, 0.5)
     velocity = np.full((len(stamp), 1), 4.0)
     pipeline.step(robots.joint_block(stamp, 4.0 * stamp[:, None], velocity, 0.0 * velocity))
-    warm = pipeline.power.thermal.degc[0]
+    warm = pipeline.condition.thermal.degc[0]
     assert warm > 30.0
     store.close()
     pipeline, store = opened_thermal()
     assert (store.trouble, store.notices) == ("", [])
-    assert pipeline.power.thermal.degc[0] == warm
+    assert pipeline.condition.thermal.degc[0] == warm

@@ -107,7 +107,7 @@ class Encoder:
 
     def _write(self, path: str, plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
         if isinstance(plan, View) and values.dtype == plan.native:
-            if values.shape == (len(rows), *plan.shape):
+            if not values.ndim or values.shape == (len(rows), *plan.shape):
                 plan.of(rows)[...] = values
                 return
         shape = plan_shape(plan)

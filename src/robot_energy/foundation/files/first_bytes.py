@@ -9,13 +9,13 @@ MAX_SHOWN = 16  # bytes of a file that are shown
 TABLE = "import it with `robot-energy import table {path} --mapping FILE --out {bag}`"
 EXPORT = "export its channels as CSV or Parquet, then `robot-energy import table`"
 BAG = "name it as a bag, as in `robot-energy replay {path}`"
-SQLITE = b"SQLite format 3\x00"
+SQLITE, MCAP = b"SQLite format 3\x00", b"\x89MCAP0\r\n"
 FIRST_BYTES: dict[bytes, tuple[str, str]] = {
     b"#ROSBAG V2.0": (
         "a ROS 1 bag",
         "convert it with `rosbags-convert --src {path} --dst {stem}`, then name the folder {stem}",
     ),
-    b"\x89MCAP0\r\n": ("an MCAP file", BAG),
+    MCAP: ("an MCAP file", BAG),
     SQLITE: ("an SQLite file, as of rosbag2", BAG),
     b"PAR1": ("a Parquet table", TABLE),
     b"\x1f\x8b": ("a file packed with gzip", TABLE),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,7 @@ from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.timeline.blocks import Float, Int, JointBlock
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS, newest_by_epoch
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, BAD_STAMP, newest_by_epoch, valid_stamps
 from robot_energy.timeline.streams import OLDER
 
 if TYPE_CHECKING:
@@ -98,8 +97,8 @@ class RecordedTime:
         self.ordered &= self.last_ns <= received_ns[0] and bool((np.diff(received_ns) >= 0).all())
         self.last_ns = int(received_ns[-1])
         if len(dated_ns):
-            first, last = (int(stamp_ns[row]) - int(dated_ns[row]) for row in (0, -1))
-            self.ahead_ns = (self.ahead_ns or (first,))[0], last
+            first = self.ahead_ns[0] if self.ahead_ns else int(stamp_ns[0]) - int(dated_ns[0])
+            self.ahead_ns = first, int(stamp_ns[-1]) - int(dated_ns[-1])
 
     def unused_ns(self, start_ns: int, end_ns: int) -> tuple[int, int]:
         """Return how long messages came before the first sample and after the last one. [ns]"""
@@ -115,7 +114,6 @@ class JointStateReader:
 
     Args:
         typestore: Message definitions of the source; those known here by default.
-        checked: Leaves out what cannot be used for what it says; None for no such check.
         source: What dates the messages, what they call the joints, where that is not
             ``joint_names``, which are read as well, and what corrects them.
 
@@ -131,11 +129,9 @@ class JointStateReader:
         log: RejectionLog,
         effort: bool = False,
         typestore: Typestore | None = None,
-        checked: Callable[[JointBlock], JointBlock | None] | None = None,
         source: JointStateSource | None = None,
     ) -> None:
         source = source or JointStateSource()
-        self._checked = checked
         self.ignored_joints: set[str] = set()
         self.recorded = RecordedTime()
         self._log = log
@@ -161,21 +157,21 @@ class JointStateReader:
             is NaN where the message lacks it; velocity and effort are also where it has none.
         """
         self._log.received += sum(map(len, batches))
-        read = [(batch, self._batch(batch)) for batch in batches if len(batch)]
-        for batch, (part, rows) in read:
-            self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
-        read = [entry for entry in read if len(entry[1][0])]
+        read: list[tuple[RawBatch, tuple[JointBlock, Int]]] = []
+        for batch in batches:
+            if len(batch):
+                part, rows = self._batch(batch)
+                self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
+                if len(part):
+                    read.append((batch, (part, rows)))
         if not read:
             return None
-        block = self._merged(read)
-        return block if self._checked is None else self._checked(block)
+        return self._merged(read) if len(read) > 1 else read[0][1][0]
 
     def _merged(self, read: Sequence[tuple[RawBatch, tuple[JointBlock, Int]]]) -> JointBlock:
         """Join the messages of several topics, which each came with their rows."""
         parts = [part for _, (part, _) in read]
         whole = JointBlock.concatenate(parts)
-        if len(read) == 1:
-            return whole
         steps = [np.diff(part.stamp_ns) for part in parts]
         received = [batch.log_time_ns[rows] for batch, (_, rows) in read]
         steady = all(bool((np.abs(step) < SECOND_NS).all()) for step in steps)

@@ -19,22 +19,25 @@ from robot_energy.inputs.joint_states.partial_states import (
     SAME_STAMP,
     PartialStateMerger,
 )
-from robot_energy.inputs.joint_states.plausibility import JointStateProblem, Plausibility
+from robot_energy.inputs.joint_states.plausibility import (
+    JointStateProblem,
+    Plausibility,
+    VelocityCheck,
+)
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     CONFLICTING,
     IMPOSSIBLE_POSITION,
     PublisherConflictFilter,
+    ZeroStateFilter,
 )
-from robot_energy.inputs.joint_states.velocity_check import VelocityCheck
-from robot_energy.inputs.joint_states.zero_states import ZeroStateFilter
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
-from robot_energy.timeline.epochs import Reach
-from robot_energy.timeline.gaps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
-from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
+from robot_energy.timeline.epochs import EpochRun, Reach
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
+from robot_energy.timeline.streams import StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -96,7 +99,7 @@ class JointStateIngest:
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
         self._zeros = ZeroStateFilter(n_joints, limits, log)
-        self._reader = JointStateReader(joint_names, log, effort, typestore, self._checked, source)
+        self._reader = JointStateReader(joint_names, log, effort, typestore, source)
         self.ignored_joints, self.known_names = (
             self._reader.ignored_joints,
             self._reader.known_names,
@@ -163,11 +166,6 @@ class JointStateIngest:
             return found
         oldest = self.newest_ns - within / NANOSECOND
         return [finding for finding in found if finding.last_ns >= oldest]
-
-    def _checked(self, block: JointBlock) -> JointBlock | None:
-        """Leave out messages that cannot be used for what they say."""
-        left = self._zeros.step(block)
-        return None if left is None else self._velocities.step(left)
 
     def stream_findings(self) -> list[JointStateProblem]:
         """Return what is wrong with stamps and publishers, one sentence each, with its time."""
@@ -265,6 +263,8 @@ class JointStateIngest:
         """Return the samples known with messages of one topic or several; None for none."""
         given = [batches] if isinstance(batches, RawBatch) else batches
         block = self._reader.read(given)
+        block = None if block is None else self._zeros.step(block)
+        block = None if block is None else self._velocities.step(block)
         if block is None:
             return self._samples([])
         arrival_ns = max(int(batch.log_time_ns[-1]) for batch in given if len(batch))
@@ -288,24 +288,33 @@ class JointStateIngest:
         self.order.interrupt()
 
     def _samples(
-        self, runs: Sequence[StreamRun[JointBlock]], closing: bool = False
+        self, runs: Sequence[tuple[JointBlock, EpochRun]], closing: bool = False
     ) -> JointBlock | None:
-        """Make samples of messages that are known to belong to their epoch."""
-        parts: list[JointBlock | None] = []
-        for run in runs:
+        """Make samples of messages that are known to belong to their epoch; count what waits."""
+        parts: list[JointBlock] = []
+        for block, run in runs:
             if run.new_epoch:
                 parts += self._end_of_epoch()
                 self.conflicts.begin_epoch(run.restless, run.first_ns)
                 self._merger.begin_epoch()
                 self._broken = True
-            parts.append(self._use(self._merger.step(run)))
+            if (part := self._use(self._merger.step(block, run.rising))) is not None:
+                parts.append(part)
         if closing:
             parts += self._end_of_epoch()
-        return self._finished([part for part in parts if part is not None])
+        rejections, first = self.rejections, int(self._stream.epochs.beginning)
+        rejections.accepted += first - self._first
+        self._first = first
+        stream, merger = self._stream, self._merger
+        rejections.waiting = merger.lead.shape[1] - first
+        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
+            rejections.waiting += 0 if holder.held is None else len(holder.held)
+        return self._finished(JointBlock.concatenate(parts)) if parts else None
 
-    def _end_of_epoch(self) -> list[JointBlock | None]:
+    def _end_of_epoch(self) -> list[JointBlock]:
         """Take what waits for later messages of the epoch that ends."""
-        return [self._use(self._merger.flush()), self.conflicts.flush()]
+        parts = self._use(self._merger.flush()), self.conflicts.flush()
+        return [part for part in parts if part is not None]
 
     def _use(self, samples: JointBlock | None) -> JointBlock | None:
         """Leave out what two publishers contradict each other about."""
@@ -316,17 +325,9 @@ class JointStateIngest:
             self._broken = False
         return self.conflicts.step(samples)
 
-    def _finished(self, parts: list[JointBlock]) -> JointBlock | None:
-        """Number the segments, mark what is doubtful, and bring the account up to date."""
-        rejections, first = self.rejections, int(self._stream.epochs.beginning)
-        rejections.accepted += first - self._first
-        self._first = first
-        holders = (self._zeros, self._velocities, self._stream, self._merger, self.conflicts)
-        rejections.waiting = sum(holder.waiting for holder in holders) - first
-        if not parts:
-            return None
-        samples = JointBlock.concatenate(parts)
-        rejections.accepted += len(samples)
+    def _finished(self, samples: JointBlock) -> JointBlock:
+        """Count samples, number their segments and mark what is doubtful."""
+        self.rejections.accepted += len(samples)
         self.samples += len(samples)
         before = self.order.segment
         broken = samples.quality > 0

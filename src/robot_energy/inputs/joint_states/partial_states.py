@@ -11,8 +11,8 @@ from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortes
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Quality
-from robot_energy.timeline.gaps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
-from robot_energy.timeline.streams import OLDER, StreamRun
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
+from robot_energy.timeline.streams import OLDER
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
 SAME_STAMP = "conflicting_stamp"  # the reason under which messages that contradict it are counted
@@ -79,6 +79,8 @@ class PartialStateMerger:
     Attributes:
         in_parts: Whether a message with some of the joints was ever met.
         conflicting: Joints whose readings leapt forth and back, shape (n,).
+        lead: Stamps of the leading joint that wait for the other joints, and the newest stamp on
+            their arrival, shape (2, N). [ns]
         missing: Joints that were missing when a sample was last given up, shape (n,).
     """
 
@@ -101,11 +103,6 @@ class PartialStateMerger:
         self.restart()
 
     @property
-    def waiting(self) -> int:
-        """Messages of the leading joint that wait for the other joints."""
-        return self._lead.shape[1]
-
-    @property
     def ages(self) -> Float:
         """How long each joint is behind the newest stamp, shape (n,); inf if unseen. [s]"""
         if not self.in_parts:
@@ -119,7 +116,7 @@ class PartialStateMerger:
         """Forget all that waits, as after an error."""
         self._broken = False  # the sample before the next one was given up
         self.begin_epoch()
-        self._lead: Int = np.empty((2, 0), dtype=np.int64)  # stamp, newest stamp on arrival
+        self.lead: Int = np.empty((2, 0), dtype=np.int64)
 
     def begin_epoch(self) -> None:
         """Forget all readings: the stamps have jumped back."""
@@ -129,13 +126,16 @@ class PartialStateMerger:
             _Track(self._steps.joint(joint), self._max_gap) for joint in range(self._n_joints)
         ]
 
-    def step(self, run: StreamRun[JointBlock]) -> JointBlock | None:
-        """Return the samples that messages of one epoch complete, or None."""
-        block = run.block
+    def step(self, block: JointBlock, rising: bool) -> JointBlock | None:
+        """Return the samples that messages of one epoch complete, or None.
+
+        Args:
+            rising: Whether it is known that each stamp is newer than all before.
+        """
         if self.in_parts or not len(block):
             return self._merge(block) if len(block) else None
         if not bool(np.isnan(block.joint_position.sum())):
-            return self._whole(block, run.rising)
+            return self._whole(block, rising)
         partial = np.isnan(block.joint_position).any(axis=1)
         first = int(np.argmax(partial)) if bool(partial.any()) else len(block)
         whole = self._whole(block[slice(0, first)]) if first else None
@@ -206,7 +206,7 @@ class PartialStateMerger:
             track.extend(stamp[fresh], newest[fresh], _values(block, joint, fresh))
             if joint == 0:
                 lead = np.stack([stamp[fresh], newest[fresh]])
-                self._lead = np.concatenate([self._lead, lead], axis=1)
+                self.lead = np.concatenate([self.lead, lead], axis=1)
                 self._log.accepted -= len(fresh)
         self._log.accepted += int(used.sum())
         self._log.reject(SAME_STAMP, int((conflict & ~used).sum()))
@@ -235,8 +235,8 @@ class PartialStateMerger:
 
     def _decide(self, closing: bool) -> JointBlock | None:
         """Make samples of the leading readings whose fate is known."""
-        at: Int = self._lead[0]
-        arrived: Int = self._lead[1]
+        at: Int = self.lead[0]
+        arrived: Int = self.lead[1]
         newest = 0 if self._newest is None else self._newest
         surrounded = np.ones((len(at), self._n_joints), dtype=np.bool_)
         passed = np.ones(len(at), dtype=np.bool_)
@@ -257,14 +257,14 @@ class PartialStateMerger:
         count = len(at) if bool(fate.all()) else int(np.argmin(fate))
         surrounded = surrounded[:count]
         complete = surrounded.all(axis=1) & (arrived[:count] <= at[:count] + self._patience_ns)
-        self._lead = self._lead[:, count:]
+        self.lead = self.lead[:, count:]
         samples = self._samples(at[:count], right[:count], complete)
         self._log.reject("missing_joint", int((~complete).sum()))
         given_up = np.flatnonzero(~complete)
         if len(given_up):
             self.missing = ~surrounded[given_up[-1]]
-        if self.waiting:
-            oldest = int(self._lead[0, 0])
+        if self.lead.size:
+            oldest = int(self.lead[0, 0])
         else:
             oldest = max(newest - self._patience_ns, int(at[count - 1]) if count else 0)
         for track in self._tracks:  # no later sample needs what is older

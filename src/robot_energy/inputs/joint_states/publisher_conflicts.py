@@ -1,4 +1,7 @@
-"""Two publishers of the same joint: found by what they say, refused while they do."""
+"""Two publishers of the same joint: found by what they say, refused while they do.
+
+One that sends nothing but zeros is known, and left out alone.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.units import SECOND_NS
+from robot_energy.inputs.joint_states.decode import ZERO_STATE, Mask
 from robot_energy.inputs.joint_states.jumps import Directions, PositionJumpDetector
 from robot_energy.inputs.joint_states.partial_states import BROKEN
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.blocks import Float, JointBlock
+from robot_energy.timeline.blocks import Float, Int, JointBlock
 
 CLEAN_NS = SECOND_NS  # how long it must be quiet before samples are used again
 MAX_STEP_NS = SECOND_NS // 10  # more than this between two samples is not a time watched
@@ -22,6 +26,8 @@ IMPOSSIBLE_POSITION = (
     "impossible_position"  # the reason of samples that one leap forth and back made
 )
 ALONE_NS = 5 * SECOND_NS  # another leap forth and back within this shows a second publisher
+BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
+KNOWN = 3  # states of zeros that show their publisher
 
 
 class PublisherConflictFilter:
@@ -42,6 +48,7 @@ class PublisherConflictFilter:
     Attributes:
         joints: Joints whose positions gave a sign, shape (n,).
         first_ns: Stamp of the first sign; None if there was none. [ns]
+        held: Samples that wait whether a leap comes back; None if there are none.
         astray_ns: Stamp at which the last leap came back that showed no second publisher;
             None if there was none. [ns]
     """
@@ -53,7 +60,7 @@ class PublisherConflictFilter:
         self.first_ns: int | None = None
         self.last_ns: int | None = None
         self.steps = PositionJumpDetector.of(n_joints, limits)
-        self._held: JointBlock | None = None
+        self.held: JointBlock | None = None
         self._disputes: list[int] = []  # stamps, for the first sample after each
         self.astray_ns: int | None = None
         self._last: tuple[int, Float] | None = None  # stamp and positions of the newest sample
@@ -61,11 +68,6 @@ class PublisherConflictFilter:
         self._alone_ns: int | None = None  # of the last leap that came back, in this epoch
         self._to_watch = 0  # time that must pass without a sign [ns]
         self._broken = False  # samples were refused before the next one
-
-    @property
-    def waiting(self) -> int:
-        """Samples that wait whether a leap comes back."""
-        return 0 if self._held is None else len(self._held)
 
     def dispute(self, stamps_ns: Iterable[int]) -> None:
         """Note that messages contradicted each other.
@@ -102,7 +104,7 @@ class PublisherConflictFilter:
 
     def flush(self) -> JointBlock | None:
         """Return the samples that wait; nothing says that they are wrong."""
-        held, self._held = self._held, None
+        held, self.held = self.held, None
         if held is not None:
             held.quality[0] |= BROKEN
         return held
@@ -129,8 +131,8 @@ class PublisherConflictFilter:
         self, samples: JointBlock, leaps: Directions, disputed: NDArray[np.bool_]
     ) -> JointBlock | None:
         """Go through the samples one by one."""
-        whole = samples if self._held is None else JointBlock.concatenate([self._held, samples])
-        held = list(range(self.waiting))
+        whole = samples if self.held is None else JointBlock.concatenate([self.held, samples])
+        held = [] if self.held is None else list(range(len(self.held)))
         first = len(held)
         broken: list[int] = []
         used: list[int] = []
@@ -173,7 +175,7 @@ class PublisherConflictFilter:
         self._log.reject(CONFLICTING, refused)
         self._log.reject(IMPOSSIBLE_POSITION, astray)
         whole.quality[broken] |= BROKEN
-        self._held = whole[np.asarray(held, dtype=np.int64)] if held else None
+        self.held = whole[np.asarray(held, dtype=np.int64)] if held else None
         return whole[np.asarray(used, dtype=np.int64)] if used else None
 
     def _comes_back(self, sample: tuple[int, Float], back: NDArray[np.bool_]) -> bool:
@@ -193,3 +195,110 @@ class PublisherConflictFilter:
         self.steps.forget_leap()
         self.astray_ns = sample[0]
         return True
+
+
+class ZeroStateFilter:
+    """Leaves out messages in which all joints are exactly zero and stand, between others.
+
+    A ``joint_state_publisher`` without sliders, or a driver without its robot, sends such states
+    next to the driver. They are found where no motion leads from the state before to zero, or
+    where they have its stamp; once three were, every state of zeros within a second of another
+    one is left out. The robot's own states stay in use, which the check for a second publisher
+    would refuse with them. A robot that stands at zero is left alone.
+
+    Args:
+        limits: Limits from the URDF; None to allow what any joint can do.
+
+    Attributes:
+        held: A message that waits for the next one; None if there is none.
+    """
+
+    def __init__(self, n_joints: int, limits: JointLimits | None, log: RejectionLog) -> None:
+        self._log = log
+        self._steps = PositionJumpDetector.of(n_joints, limits)
+        self.count = self.first_ns = self.last_ns = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the last state, and what waits."""
+        self._last: tuple[int, Float] | None = None  # that is not all zero
+        self.held: JointBlock | None = None  # zeros before all other states wait for the next
+        self._begun = False
+
+    def flush(self) -> None:
+        """Count what still waits: one state alone is of no use."""
+        if self.held is not None:
+            self._log.reject(ZERO_STATE)
+        self.held = None
+
+    @property
+    def finding(self) -> str:
+        """What is wrong, in one sentence; empty if nothing is."""
+        if not self.count:
+            return ""
+        return (
+            f"{self.count} joint states in which all joints are exactly zero come between others, "
+            "as of a second publisher: they are left out; stop it, or name the topics in "
+            "joint_states.topics"
+        )
+
+    def step(self, block: JointBlock) -> JointBlock | None:
+        """Return the messages without those of a publisher of zeros, or None.
+
+        Args:
+            block: One or more, one sample each, in order of arrival.
+        """
+        if self.held is not None:
+            block, self.held = JointBlock.concatenate([self.held, block]), None
+        zero, other = self._kinds(block)
+        rows, others = np.flatnonzero(zero), np.flatnonzero(other)
+        if not self._begun and len(block) == len(rows) == 1:
+            self.held = block
+            return None
+        stamp, position = block.stamp_ns, block.joint_position
+        if not self._begun and zero[0] and other[1]:
+            self._last = int(stamp[1]), position[1]
+        self._begun = True
+        foreign = self._foreign(stamp, position, rows, others) if len(rows) else []
+        if len(others):
+            self._last = int(stamp[others[-1]]), position[others[-1]].copy()
+        if not foreign:
+            return block
+        self.first_ns = self.first_ns if self.count else int(stamp[foreign[0]])
+        self.last_ns = int(stamp[foreign[-1]])
+        self.count += len(foreign)
+        self._log.reject(ZERO_STATE, len(foreign))
+        left: Mask = np.ones(len(block), dtype=np.bool_)
+        left[foreign] = False
+        return block[left] if bool(left.any()) else None
+
+    @staticmethod
+    def _kinds(block: JointBlock) -> tuple[Mask, Mask]:
+        """Which messages are all zero, and which of the others have all joints, shape (N,) each."""
+        position, velocity = block.joint_position, block.joint_velocity
+        full = ~np.isnan(position.sum(axis=1))
+        zero = full & (position[:, 0] == 0)
+        if bool(zero.any()):
+            zero &= (position == 0).all(axis=1)
+            zero &= ((velocity == 0) | np.isnan(velocity)).all(axis=1)
+        return zero, full & ~zero
+
+    def _foreign(self, stamp: Int, position: Float, rows: Int, others: Int) -> list[int]:
+        """Which of the rows of zeros come next to another state."""
+        found: list[int] = []
+        before = np.searchsorted(others, rows) - 1
+        for row, place in zip(rows.tolist(), before.tolist(), strict=True):
+            at, other = int(stamp[row]), self._last
+            if place >= 0:
+                other = int(stamp[others[place]]), position[others[place]]
+            if other is None or abs(at - other[0]) > BESIDE_NS:
+                continue
+            known = at == other[0] or self.count + len(found) >= KNOWN
+            zero = at, position[row]
+            if known or not self._steps.reaches(*sorted((other, zero), key=_stamp)):
+                found.append(row)
+        return found
+
+
+def _stamp(sample: tuple[int, Float]) -> int:
+    return sample[0]

@@ -6,8 +6,7 @@ import numpy as np
 
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
-from robot_energy.timeline.gaps import BACKWARD_JUMP_NS
-from robot_energy.timeline.hold import first_needed, held_rows
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, first_needed, held_rows
 
 Values = tuple[Int, Float]  # times of receipt [ns] and what was received then, each (N,)
 

@@ -12,6 +12,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.joint import JointGear
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
+from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning, Quality
 from robot_energy_identify.data.bags import Bag, Kept, folds_of
 from robot_energy_identify.data.recordings import read_recording
@@ -26,7 +27,7 @@ MOST = 3000
 
 def test_what_is_held_does_not_grow_with_the_length_of_a_recording():
     outputs: list[Output] = []
-    replay(BAG, MODEL, None, Settings(power_period=None), on_output=outputs.append)
+    replay(BAG, MODEL, ReplaySetup(settings=Settings(power_period=None)), on_output=outputs.append)
     length = 45_000_000_000
     held, samples, thinned = list[int](), 0, Thinned(MOST)
     for number in range(2):

@@ -21,7 +21,7 @@ def pieces_of(counter: EnergyCounterDecoder, stamp_s, energy) -> CoveredPieces:
 
 
 def energy_of(pieces: CoveredPieces) -> float:
-    return float((pieces.start_power * (pieces.end_ns - pieces.start_ns)).sum() * 1e-9)
+    return float((pieces.start_power * (pieces.end_ns - pieces.stamp_ns)).sum() * 1e-9)
 
 
 def counter(max_gap=2.0, max_power=1e6, wraps_at=None) -> EnergyCounterDecoder:
@@ -91,7 +91,7 @@ def test_a_counter_that_wraps_continues_exactly():
     found, pieces = readings(true % 2000.0, wraps_at=2000.0)
     assert (found.wraps, found.resets) == (1, 0)
     assert energy_of(pieces) == pytest.approx(210.0)
-    assert int((pieces.end_ns - pieces.start_ns).sum()) == 21 * SECOND
+    assert int((pieces.end_ns - pieces.stamp_ns).sum()) == 21 * SECOND
     plain, lost = readings(true % 2000.0)
     assert (plain.wraps, plain.resets) == (0, 1)
     assert energy_of(lost) < 160.0
@@ -135,7 +135,7 @@ def test_a_coarse_counter_gives_its_mean_power_between_changes():
     count = np.floor(400.0 * stamp / (10 * WATT_HOUR)) * 10 * WATT_HOUR
     pieces = pieces_of(counter(), stamp, count)
     assert pieces.start_power.tolist() == pytest.approx([400.0] * 3)
-    assert pieces.start_ns.tolist() == [90 * SECOND, 180 * SECOND, 270 * SECOND]
+    assert pieces.stamp_ns.tolist() == [90 * SECOND, 180 * SECOND, 270 * SECOND]
     assert energy_of(pieces) == pytest.approx(count[-1] - 10 * WATT_HOUR)  # from the first change
 
 
@@ -145,7 +145,7 @@ def test_a_coarse_counter_may_be_cut_anywhere(cut):
     stamp, count = np.arange(8.0), np.array([0.0, 0, 36e3, 36e3, 36e3, 72e3, 72e3, 72e3])
     pieces = pieces_of(found, stamp[:cut], count[:cut])
     pieces = pieces.join(pieces_of(found, stamp[cut:], count[cut:]))
-    assert pieces.start_ns.tolist() == [2 * SECOND]
+    assert pieces.stamp_ns.tolist() == [2 * SECOND]
     assert pieces.start_power.tolist() == [12e3]
 
 
@@ -249,7 +249,7 @@ def test_counting_does_not_depend_on_the_cutting_and_every_reading_is_accounted_
 
     whole, pieces, state = run([])
     cut, others, other_state = run(sorted(min(c, len(readings)) for c in cuts))
-    for name in ("start_ns", "end_ns", "start_power", "end_power"):
+    for name in ("stamp_ns", "end_ns", "start_power", "end_power"):
         np.testing.assert_array_equal(getattr(pieces, name), getattr(others, name))
     assert state == other_state
     assert whole.rejections == cut.rejections
@@ -260,8 +260,8 @@ def test_counting_does_not_depend_on_the_cutting_and_every_reading_is_accounted_
     )
     assert (pieces.start_power >= 0).all()
     assert (pieces.start_power <= 5000.0 * (1 + 1e-12)).all()
-    assert (np.diff(pieces.start_ns) > 0).all()
-    assert (pieces.start_ns[1:] >= pieces.end_ns[:-1]).all()
+    assert (np.diff(pieces.stamp_ns) > 0).all()
+    assert (pieces.stamp_ns[1:] >= pieces.end_ns[:-1]).all()
 
 
 def test_a_counter_is_compared_over_what_it_covers():

@@ -1,0 +1,151 @@
+"""Options of the verbs: each said once, for the keyword, the command and the documentation.
+
+The options of a verb are the keys of a TypedDict. The annotation of a key says what it is:
+``Annotated[float | None, Option("length of a cycle", unit="s", low=0.0)]``; one that is no option
+of a command has a sentence in place of the `Option`.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from numbers import Real
+from typing import Any, Literal, TypeVar, cast
+
+from robot_energy.foundation.errors import OptionError, ParameterError
+from robot_energy.foundation.kinds import LIKELY
+
+Verb = TypeVar("Verb", bound=Callable[..., object])
+Class = TypeVar("Class", bound=type)
+MAX_NUMBER = 1e9  # larger than any figure of a robot, whatever its unit
+FLAG = re.compile(r"--([a-z-]+)")
+
+
+@dataclass(frozen=True)
+class Option:
+    """What one option is.
+
+    Attributes:
+        text: Help of the command, where ``%(choices)s`` are the texts allowed.
+        unit: Of a number; ``1`` for a whole one.
+        value: What stands for any other value in the help; empty for a switch.
+        low: Least number allowed. [its unit]
+        high: Greatest number allowed. [its unit]
+        choices: The values allowed; empty for any.
+        default: Value where none is given.
+        several: How a command takes several values.
+        group: Title in the help.
+    """
+
+    text: str
+    unit: str = ""
+    value: str = ""
+    low: float = -MAX_NUMBER
+    high: float = MAX_NUMBER
+    choices: tuple[object, ...] = ()
+    default: object = None
+    several: Literal["", "in a row", "repeated"] = ""
+    group: str = ""
+
+    @property
+    def expected(self) -> str:
+        """What a value must be, in words."""
+        if self.choices:
+            return f"one of {', '.join(map(str, self.choices))}"
+        return f"a number from {self.low:g} to {self.high:g}"
+
+    def check(self, name: str, value: object, verb: str) -> None:
+        """Refuse a value that makes no sense."""
+        several = self.several and not isinstance(value, str)
+        values = cast("Collection[object]", value) if several else (value,)
+        fits = not self.choices or all(one in self.choices for one in values)
+        if self.unit and not self.choices:
+            fits = not isinstance(value, bool) and isinstance(value, Real)
+            fits = fits and self.low <= cast("float", value) <= self.high
+            fits = fits and (self.unit != "1" or value == int(cast("float", value)))
+        if not fits:
+            raise ParameterError(f"parameter '{name}' of {verb} is {value!r}", self.expected)
+
+    def __str__(self) -> str:
+        """What it is, in the documentation."""
+        text = self.text.replace("%(choices)s", ", ".join(map(str, self.choices)))
+        text = FLAG.sub(lambda flag: f"``{flag[1].replace('-', '_')}``", text)
+        return f"{text[:1].upper()}{text[1:]}." + (f" [{self.unit}]" if self.unit else "")
+
+
+def options_of(options: type) -> dict[str, Option]:
+    """Return what a command can be given of the options of a verb."""
+    kinds = inspect.get_annotations(options)
+    return {
+        name: kind.__metadata__[0]
+        for name, kind in kinds.items()
+        if isinstance(kind.__metadata__[0], Option)
+    }
+
+
+def documented(kind: Class) -> Class:
+    """Return a class, its docstring with what its annotations say, for help and pages."""
+    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
+    if lines and kind.__doc__:
+        kind.__doc__ += f"\n\nAttributes:{lines}"
+    return kind
+
+
+def texts_of(kind: type) -> Iterator[tuple[str, str]]:
+    """Yield what the annotations of a class say of each name, in words."""
+    for name, annotation in inspect.get_annotations(kind).items():
+        if text := str(getattr(annotation, "__metadata__", ("",))[0]):
+            yield name, text
+
+
+def takes(options: type) -> Callable[[Verb], Verb]:
+    """Return a decorator that shows the options of a verb in place of ``**options``.
+
+    The verb refuses an option that it does not show, as an `OptionError`, and a value that makes
+    no sense. What is None was not given.
+
+    Args:
+        options: The TypedDict.
+    """
+    kinds, checks = inspect.get_annotations(options), options_of(options)
+    shared = [
+        inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=checks[name].default if name in checks else None,
+            annotation=getattr(kind.__origin__, "__forward_arg__", kind.__origin__),
+        )
+        for name, kind in kinds.items()
+    ]
+
+    def shown(verb: Verb) -> Verb:
+        signature = inspect.signature(verb)
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        known = [parameter.name for parameter in (*own, *shared)]
+
+        @functools.wraps(verb)
+        def checked(*values: object, **given: object) -> object:
+            check_options(verb.__name__, given, known)
+            used = {name: v for name, v in given.items() if v is not None or name not in kinds}
+            for name in checks.keys() & used.keys():
+                checks[name].check(name, used[name], verb.__name__)
+            return verb(*values, **used)
+
+        checked.__dict__["__signature__"] = signature.replace(parameters=[*own, *shared])
+        return cast(Verb, checked)
+
+    return shown
+
+
+def check_options(verb: str, given: Mapping[str, Any], known: Collection[str]) -> None:
+    """Refuse an option that a verb does not have, with the name that was probably meant."""
+    for name in sorted({*given} - {*known}):
+        near = get_close_matches(name, known, 1, LIKELY)
+        raise OptionError(
+            f"{verb} has no option '{name}'",
+            f"'{near[0]}'?" if near else f"one of {', '.join(sorted(known))}",
+        )

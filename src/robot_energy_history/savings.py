@@ -1,0 +1,262 @@
+"""`history_savings`: what robots saved against the days of a baseline, from their history."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS, HOUR_NS
+from robot_energy.timeline.time_series import Column, TimeSeries
+from robot_energy_history.api import History, Instant, history, history_events, history_jobs
+from robot_energy_history.baseline import BAND, EnergyBaseline, Float, compare, fit_baseline
+from robot_energy_history.tariffs import MICROJOULE_PER_KWH
+
+DRIVERS = ("parts", "motion_hours", "on_hours")
+MIN_COMPARED = 0.95  # of a day that counts as metered [-]
+Further = Mapping[str, Mapping[date, float]]
+
+
+@dataclass(frozen=True)
+class PartTrend:
+    """A straight line through the energy per part of each reported day.
+
+    Attributes:
+        mean: Energy of all these days over their parts. [kWh]
+        change: By how much the line changes from the first to the last of them, over `mean`. [-]
+        band: Half width of the 90 % band of ``change``. [-]
+    """
+
+    mean: float
+    change: float
+    band: float
+
+
+@dataclass(frozen=True)
+class EnergySavings(TimeSeries):
+    """What each reported day used, would have used, and has saved up to its end.
+
+    Attributes:
+        baseline: What explains energy, and how well.
+        trend: How the energy per part has changed over the reported days; None with too few days
+            on which jobs ended.
+        saved: Over all reported days; negative where more was used. [kWh]
+        band: Half width of its 90 % band. [kWh]
+        expected: Energy that these days would have used. [kWh]
+        claimed: Whether a saving is certain: one in a thousand times there is none.
+        notes: What to know of it, a sentence each.
+    """
+
+    baseline: EnergyBaseline = field(kw_only=True)
+    trend: PartTrend | None = None
+    saved: float = 0.0
+    band: float = 0.0
+    expected: float = 0.0
+    claimed: bool = False
+    notes: tuple[str, ...] = ()
+
+
+def history_savings(
+    folder: str | Path,
+    robot: str,
+    baseline: tuple[Instant, Instant],
+    reported: tuple[Instant, Instant],
+    drivers: Sequence[str] = ("parts",),
+    timezone: str = "UTC",
+    further: Further | None = None,
+    measured: bool = False,
+) -> EnergySavings:
+    """Return what a robot saved against a baseline of earlier days, with its band (ISO 50006).
+
+    Name what explains energy and is not changed by what saves it: parts, if motions became cheaper;
+    not the hours of motion, if these became fewer. What explains energy and is not named, as the
+    ambient temperature, looks like a saving.
+
+    Args:
+        folder: Folder of the history.
+        robot: Its name.
+        baseline: First day of the baseline, and the day after its last; whole days.
+        reported: The same of the days that are compared with it.
+        drivers: What explains the energy of a day: ``parts`` (jobs that ended), ``motion_hours``,
+            ``on_hours``.
+        timezone: Where days begin.
+        further: More of that, by name and day, such as the ambient temperature. Days without a
+            value are left out.
+        measured: Whether the energy is that of the meter, of days that it covers, or that of the
+            model, which knows no change of the robot that is not in its figures.
+
+    Returns:
+        A row of each reported day: ``energy``, ``expected``, ``saved`` up to its end (CUSUM) and
+        ``band`` [kWh], ``parts``, and what explains its energy.
+
+    Raises:
+        HistoryError: If something that was asked for is not in the history, or there are too few
+            days.
+    """
+    found, failed = savings_by_robot(
+        folder, baseline, reported, drivers, [robot], timezone, further, measured
+    )
+    if robot in failed:
+        raise failed[robot]
+    return found[robot]
+
+
+def savings_by_robot(
+    folder: str | Path,
+    baseline: tuple[Instant, Instant],
+    reported: tuple[Instant, Instant],
+    drivers: Sequence[str] = ("parts",),
+    robots: Sequence[str] = (),
+    timezone: str = "UTC",
+    further: Further | None = None,
+    measured: bool = False,
+) -> tuple[dict[str, EnergySavings], dict[str, HistoryError]]:
+    """Return what each robot saved, and why that is not known of the others.
+
+    Args:
+        robots: Names; empty for all. Further arguments are those of `history_savings`.
+
+    Raises:
+        HistoryError: If something that was asked for is not in the history.
+    """
+    if unknown := [name for name in drivers if name not in DRIVERS]:
+        raise HistoryError(f"a driver '{unknown[0]}'", ", ".join(DRIVERS))
+    wish = _Wish(tuple(drivers), further or {}, measured, ZoneInfo(timezone))
+    before, after = (
+        (
+            history(folder, *span, "day", robots, timezone),
+            history_jobs(folder, *span, "day", robots, timezone),
+        )
+        for span in (baseline, reported)
+    )
+    events = history_events(folder, baseline[0], reported[1], robots, timezone)
+    known = (*before[0]["robot"].tolist(), *after[0]["robot"].tolist())
+    found: dict[str, EnergySavings] = {}
+    failed: dict[str, HistoryError] = {}
+    for robot in dict.fromkeys((*robots, *sorted(known))):
+        kinds = set(events["kind"][events["robot"] == robot].tolist())
+        try:
+            found[robot] = _savings(_days(*before, robot, wish), _days(*after, robot, wish), kinds)
+        except HistoryError as error:
+            failed[robot] = error
+    return found, failed
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What explains energy, more of it by day, whose energy, and where days begin."""
+
+    drivers: tuple[str, ...]
+    further: Further
+    measured: bool
+    zone: ZoneInfo
+
+
+@dataclass(frozen=True)
+class _Days:
+    """Days of one robot whose energy is known, with what explains it.
+
+    Attributes:
+        stamps: Begin of each. [ns]
+        energy: Of each. [kWh]
+        parts: Jobs that ended in each.
+        explained: What explains the energy, by name.
+        left_out: How many days are not known.
+    """
+
+    stamps: NDArray[np.int64]
+    energy: Float
+    parts: Float
+    explained: dict[str, Float]
+    left_out: int
+
+
+def _savings(before: _Days, after: _Days, changed: set[str]) -> EnergySavings:
+    """Compare days with a baseline; changes of the robot meanwhile are noted."""
+    model, notes = fit_baseline(before.energy, before.explained), list[str]()
+    if not len(after.energy):
+        raise HistoryError("no reported day with all that explains its energy", "one day or more")
+    found = compare(model, after.energy, after.explained)
+    if before.left_out or after.left_out:
+        notes.append(
+            f"{before.left_out} days of the baseline and {after.left_out} reported days are left "
+            "out: not all of their energy, or of what explains it, is known"
+        )
+    if model.left_out:
+        notes.append(f"{', '.join(model.left_out)} is constant or explained by the others")
+    if found.outside:
+        notes.append(f"reported days outside of what the baseline has seen: {found.outside}")
+    if changed := {"model", "meter"} & changed:
+        notes.append(f"the {' and the '.join(sorted(changed))} changed meanwhile")
+    columns: dict[str, Column] = {
+        "energy": after.energy, "expected": found.expected, "saved": found.saved,
+        "band": found.band, "parts": after.parts, **after.explained,
+    }  # fmt: skip
+    return EnergySavings(
+        after.stamps,
+        columns,
+        units=dict.fromkeys(("energy", "expected", "saved", "band"), "kWh"),
+        baseline=model,
+        trend=_trend(after),
+        saved=float(found.saved[-1]),
+        band=float(found.band[-1]),
+        expected=float(found.expected.sum()),
+        claimed=found.claimed,
+        notes=tuple(notes),
+    )
+
+
+def _trend(days: _Days) -> PartTrend | None:
+    """The straight line through the energy per part of days on which jobs ended."""
+    use = days.parts > 0
+    since = (days.stamps - days.stamps[0]) / DAY_NS
+    try:
+        line = fit_baseline(days.energy[use] / days.parts[use], {"days": since[use]})
+    except HistoryError:
+        return None
+    mean, length = float(days.energy[use].sum() / days.parts[use].sum()), float(np.ptp(since[use]))
+    scale = length / mean
+    return PartTrend(
+        mean, float(line.values[1]) * scale, line.half_width(BAND) * float(line.std[1]) * scale
+    )
+
+
+def _days(days: History, ended: TimeSeries, robot: str, wish: _Wish) -> _Days:
+    own, spans = days["robot"] == robot, days.not_resolved
+    starts, stops, on = (column[own] for column in (days.stamp_ns, days["stop_ns"],
+                                                    days["observed_ns"]))  # fmt: skip
+    use = on > 0
+    of_robot = spans["robot"] == robot
+    for begin, end in zip(spans.stamp_ns[of_robot], spans["stop_ns"][of_robot], strict=True):
+        use &= (stops <= begin) | (starts >= end)
+    if wish.measured:
+        use &= days["compared_ns"][own] >= MIN_COMPARED * on
+    parts = np.zeros(len(starts))
+    jobs = ended["robot"] == robot
+    for start, count in zip(ended.stamp_ns[jobs], ended["parts"][jobs], strict=True):
+        parts[starts == start] += count
+    known = {
+        "parts": parts,
+        "motion_hours": days["motion_ns"][own] / HOUR_NS,
+        "on_hours": on / HOUR_NS,
+    }
+    explained = {name: known[name] for name in wish.drivers}
+    for name, values in wish.further.items():
+        local = (local_time(one, wish.zone) for one in starts)
+        explained[name] = np.array([values.get(one.date(), np.nan) for one in local], dtype=float)
+        use &= np.isfinite(explained[name])
+    energy = days["measured_microjoule" if wish.measured else "predicted_import_microjoule"][own]
+    return _Days(
+        starts[use],
+        energy[use] / MICROJOULE_PER_KWH,
+        parts[use],
+        {name: column[use] for name, column in explained.items()},
+        int(len(use) - use.sum()),
+    )
