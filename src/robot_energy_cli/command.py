@@ -157,8 +157,3 @@ def keywords_of(verb: Callable[..., object], args: Namespace) -> dict[str, Any]:
     taken = signature(verb).parameters.values()
     names = [each.name for each in taken if each.kind is each.KEYWORD_ONLY]
     return {name: getattr(args, name) for name in names if name in args}
-
-
-def name_of(spelled: str) -> str:
-    """Return the name under which the value of an option is found."""
-    return spelled.split()[0].removeprefix("--").replace("-", "_")

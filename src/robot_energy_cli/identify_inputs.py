@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy_cli.command import LIST, Options, name_of
+from robot_energy_cli.command import LIST, Options
 from robot_energy_cli.numbers import number
 from robot_energy_cli.replay_options import INPUTS, MODEL_OR_ROBOT
 from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, progress
@@ -96,7 +96,7 @@ class IdentifyInputs:
 
         given: dict[str, float] = {}
         for name, unit, field, *_ in SENSORS:
-            value = getattr(self.args, name_of(name))
+            value = getattr(self.args, name.replace("-", "_"))
             if value is not None:
                 given[field] = value / 100.0 if unit == "PERCENT" else value
         return SensorLimits(**given)

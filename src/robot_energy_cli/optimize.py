@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.replay.options import PART
-from robot_energy_cli.command import (
-    REQUIRED,
-    Command,
-    add_option,
-    add_options,
-    flags,
-    keywords_of,
-)
+from robot_energy_cli.command import REQUIRED, Command, add_option, add_options, flags, keywords_of
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import add_tool, tool_options
 from robot_energy_plan.options import TOOL, OptimizeOptions

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from robot_energy.model import RobotModel
     from robot_energy.model.payload import Payload
     from robot_energy.timeline.blocks import Float
+    from robot_energy_plan.api.predict import PredictionResult
     from robot_energy_plan.motion.load_motion import LoadedMotion, ToolOptions
-    from robot_energy_plan.prediction import Prediction
 
 MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
@@ -75,7 +75,7 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_plan.results.prediction import PredictionsReport, prediction_report
+    from robot_energy_plan.results.prediction import PredictionsReport
     from robot_energy_report.document import Document
     from robot_energy_report.prediction import labels, prediction_document
     from robot_energy_report.prediction_figure import energy_and_power
@@ -85,8 +85,7 @@ def _run(args: Namespace) -> int:
     if count > MAX_RUNS:
         raise MotionError(f"{count} predictions were asked for", f"at most {MAX_RUNS}")
     found = _predictions(args)
-    runs = tuple(prediction_report(result, motion) for result, motion in found)
-    results = [result for result, _ in found]
+    runs, results = tuple(one.report for one in found), [one.prediction for one in found]
     report = PredictionsReport(runs)
     page = Document(
         "Predicted energy",
@@ -102,11 +101,12 @@ def _run(args: Namespace) -> int:
     return 0
 
 
-def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
+def _predictions(args: Namespace) -> list[PredictionResult]:
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
+    from robot_energy_plan.api.predict import predict
     from robot_energy_plan.motion.load_motion import joint_list, load_motion
-    from robot_energy_plan.prediction import MAX_SAMPLES, predict
+    from robot_energy_plan.prediction import MAX_SAMPLES
 
     models = [load(name) for name in args.model]
     bases = _per_model(args.base, len(models), "--base")
@@ -122,19 +122,18 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
             for text in args.temperature:
                 degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
                 plans.append((motion, model, degc, repeat))
-    options: PredictOptions = {
+    most = MAX_SAMPLES if args.max_samples is None else args.max_samples
+    _say_length([(motion, repeat) for motion, _, _, repeat in plans], most)
+    options: Any = {
         "payload": [] if args.payload is None else [_payload(args.payload)],
         "auxiliary": dict(_load_state(text) for text in args.auxiliary),
-        "max_samples": MAX_SAMPLES if args.max_samples is None else args.max_samples,
+        "max_samples": most,
     }
-    _say_length([(motion, repeat) for motion, _, _, repeat in plans], options["max_samples"])
-    found: list[tuple[Prediction, LoadedMotion]] = []
+    found: list[PredictionResult] = []
     for motion, model, degc, repeat in plans:
         label = f"{motion.name}, {model.robot.type}, {motion.motion.duration * repeat:.4g} s"
         with progress(label) as show:
-            given: PredictOptions = {**options, "repeat": repeat, "progress": show}
-            result = predict(model, motion.motion, degc, motion.name, notes=motion.notes, **given)
-        found.append((result, motion))
+            found.append(predict(motion, model, degc, repeat=repeat, progress=show, **options))
     return found
 
 

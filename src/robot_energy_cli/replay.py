@@ -21,13 +21,7 @@ from robot_energy_cli.replay_options import (
     model_named,
     options_given,
 )
-from robot_energy_cli.terminal import (
-    JSON_OPTION,
-    check_bag,
-    check_outputs,
-    present,
-    progress,
-)
+from robot_energy_cli.terminal import JSON_OPTION, check_bag, check_outputs, present, progress
 
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel

@@ -65,13 +65,12 @@ def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOp
         values = joint_list(base, "--base", (3, 4)).tolist()
         yaw = math.radians(values[3]) if len(values) == 4 else 0.0
         placement = ToolPlacement(values[0], values[1], values[2], yaw)
-    given: dict[str, float] = {}
-    if args.tool_acceleration is not None:
-        given["acceleration"] = args.tool_acceleration
-    if args.corner_tolerance is not None:
-        given["corner_tolerance"] = args.corner_tolerance * 1e-3
-    if args.smoothing is not None:
-        given["smoothing"] = args.smoothing
+    limits = (
+        ("acceleration", args.tool_acceleration, 1.0),
+        ("corner_tolerance", args.corner_tolerance, 1e-3),
+        ("smoothing", args.smoothing, 1.0),
+    )
+    given = {name: value * unit for name, value, unit in limits if value is not None}
     options = ToolOptions(
         link=args.tool,
         placement=placement,

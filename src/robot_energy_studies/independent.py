@@ -121,7 +121,13 @@ def published(robot: DrawnRobot) -> RobotModel:
 
 
 @dataclass(frozen=True)
-class _Experiment:
+class Experiment:
+    """Recorded sets of one robot: for identification, for the test, and at rest.
+
+    Attributes:
+        imbalance: Greatest difference of the energies of the simulation, relative. [-]
+    """
+
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
@@ -132,7 +138,7 @@ def independent_row(plant_seed: int, scale: IndependentStudySize) -> Independent
     """Return what comes out on one plant."""
     robot = drawn_robot(plant_seed)
     with TemporaryFolder() as place:
-        made = _recorded(robot, plant_seed, scale, place.path)
+        made = recorded_sets(robot, plant_seed, scale, place.path)
         start, bags = published(robot), [entry.path for entry in made.train]
         models: dict[str, RobotModel] = {}
         notes: list[str] = []
@@ -162,9 +168,15 @@ def independent_row(plant_seed: int, scale: IndependentStudySize) -> Independent
     )
 
 
-def _recorded(
+def recorded_sets(
     robot: DrawnRobot, seed: int, scale: IndependentStudySize, folder: Path
-) -> _Experiment:
+) -> Experiment:
+    """Return what a robot records.
+
+    Args:
+        seed: Of its motions and sensors.
+        folder: Of the bags.
+    """
     train, test, hold = _programs(robot, seed, scale.moves)
     n_joints, random = len(robot.joint_names), np.random.default_rng([0x6865, seed])
     work = Robots(robot, (train, test), even(2, WORK_DEGC, n_joints), np.full(2, WORK_DEGC))
@@ -191,7 +203,7 @@ def _recorded(
         for index, motion in enumerate(motions)
     ]
     first = len(trained)
-    return _Experiment(
+    return Experiment(
         sets[:first], sets[first:-1], sets[-1].path, float(np.abs(run.imbalance).max())
     )
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import functools
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
-from typing import Any, Literal, TypeVar, cast
+from typing import Literal, TypeVar, cast
 
 from robot_energy.foundation.errors import OptionError, ParameterError
 from robot_energy.foundation.kinds import LIKELY
@@ -129,23 +129,17 @@ def takes(options: type) -> Callable[[Verb], Verb]:
 
         @functools.wraps(verb)
         def checked(*values: object, **given: object) -> object:
-            check_options(verb.__name__, given, known)
+            for name in sorted({*given} - {*known}):
+                near = get_close_matches(name, known, 1, LIKELY)
+                expected = f"'{near[0]}'?" if near else f"one of {', '.join(sorted(known))}"
+                raise OptionError(f"{verb.__name__} has no option '{name}'", expected)
             used = {name: v for name, v in given.items() if v is not None or name not in kinds}
-            for name in checks.keys() & used.keys():
-                checks[name].check(name, used[name], verb.__name__)
+            for name, value in used.items():
+                if name in checks:
+                    checks[name].check(name, value, verb.__name__)
             return verb(*values, **used)
 
         checked.__dict__["__signature__"] = signature.replace(parameters=[*own, *shared])
         return cast(Verb, checked)
 
     return shown
-
-
-def check_options(verb: str, given: Mapping[str, Any], known: Collection[str]) -> None:
-    """Refuse an option that a verb does not have, with the name that was probably meant."""
-    for name in sorted({*given} - {*known}):
-        near = get_close_matches(name, known, 1, LIKELY)
-        raise OptionError(
-            f"{verb} has no option '{name}'",
-            f"'{near[0]}'?" if near else f"one of {', '.join(sorted(known))}",
-        )

@@ -17,13 +17,7 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.check.evidence import (
-    Evidence,
-    Remarks,
-    evidence_of,
-    joined,
-    remarks_of,
-)
+from robot_energy_identify.check.evidence import Evidence, Remarks, evidence_of, joined, remarks_of
 from robot_energy_identify.check.finding import (
     EFFORT,
     ERROR,

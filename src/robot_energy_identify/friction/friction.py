@@ -205,31 +205,45 @@ def fit_laws(data: FrictionData, source: str = "") -> FrictionFit:
 def _bent(fit: FrictionFit, data: FrictionData) -> FrictionData | None:
     """Samples with the exponent of the speed in viscous friction; None if it does not show.
 
-    It shows where it is surely not 1 and torque that no fit has seen is predicted better by `GAIN`.
-    It is refined until the fit no longer moves it; what is held out refines it once more.
+    It shows where it is surely not 1 and torque that no fit has seen is predicted better by `GAIN`;
+    each fit to the rest refines it.
     """
-    if one_speed(data):
-        return None
-    law, exponent, degc = fit.law, 1.0, np.nan_to_num(data.motor_temperature_degc)
     try:
-        for _ in range(MAX_REFINED):
-            bent = data.by_exponent(exponent, viscous_law(law).viscous(degc))
-            law, found = fit_law(fit.chosen, bent)
-            step, std = float(found.values[-1]), float(found.std[-1])
-            if not abs(exponent + step - 1.0) > MIN_STD * std:
-                return None
-            exponent += step
-            if not EXPONENTS[0] < exponent < EXPONENTS[1]:
-                return None
-            if abs(step) < REFINED:
-                break
-        else:
+        bent, std = with_exponent(fit.law, data)
+        if not abs(bent.exponent - 1.0) > MIN_STD * std:
             return None
         error = held_out_law(partial(fit_law, fit.chosen), bent, folds_of_axis(data)[1]).rms
     except NotIdentifiableError:
         return None
     names = {"none": fit.errors[fit.chosen].rms, "exponent": error}
     return None if simplest(names) == "none" else bent
+
+
+def with_exponent(law: LawEntry, data: FrictionData) -> tuple[FrictionData, float]:
+    """Return samples with the exponent of the speed that a law has in them, and its deviation. [-]
+
+    It is refined until the fit no longer moves it.
+
+    Args:
+        law: As fitted without an exponent.
+
+    Raises:
+        NotIdentifiableError: If the motion does not show one in `EXPONENTS`.
+    """
+    exponent, degc = 1.0, np.nan_to_num(data.motor_temperature_degc)
+    for _ in range(0 if one_speed(data) else MAX_REFINED):
+        bent = data.by_exponent(exponent, viscous_law(law).viscous(degc))
+        law, found = fit_law(law.law, replace(bent, deviations=False))
+        step = float(found.values[-1])
+        exponent += step
+        if not EXPONENTS[0] < exponent < EXPONENTS[1]:
+            break
+        if abs(step) < REFINED:
+            return bent, float(fit_law(law.law, bent)[1].std[-1])
+    raise NotIdentifiableError(
+        f"the motion of {data.name} shows no exponent of the speed in its viscous friction",
+        "slow and fast motions, and an exponent between {:g} and {:g}".format(*EXPONENTS),
+    )
 
 
 def exponent_of(fit: Fit, data: FrictionData) -> tuple[float, float, float] | None:
@@ -370,16 +384,24 @@ def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
     data = replace(data, deviations=False)
 
     def predict(train: Mask, test: Mask) -> Float:
-        law, found, term = fit_falling(data.rows(train), "")
-        seen = data.rows(test)
-        return (
-            found.values[0] * seen.sign
-            + law.viscous.value * seen.motor_velocity
-            + term.torque.value * stribeck(seen, term.velocity.value)
-            + nuisance(found, seen)
-        )
+        return falling_torque(data.rows(train), data.rows(test))
 
     return held_out(data.friction_torque, fold, predict)
+
+
+def falling_torque(train: FrictionData, seen: FrictionData) -> Float:
+    """Return the torque that friction with a Stribeck term, fitted to samples, has at others. [N m]
+
+    Raises:
+        NotIdentifiableError: As `fit_falling`.
+    """
+    law, found, term = fit_falling(train, "")
+    return (
+        found.values[0] * seen.sign
+        + law.viscous.value * seen.motor_velocity
+        + term.torque.value * stribeck(seen, term.velocity.value)
+        + nuisance(found, seen)
+    )
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
@@ -438,13 +460,20 @@ def held_out_law(
     data = replace(data, deviations=False)
 
     def predict(train: Mask, test: Mask) -> Float:
-        law, found = fit(data.rows(train))
-        seen = data.rows(test)
-        degc = np.nan_to_num(seen.motor_temperature_degc)  # without any, the law is a constant
-        viscous = viscous_law(law).viscous(degc)
-        return found.values[0] * seen.sign + viscous * seen.turning + nuisance(found, seen)
+        return law_torque(*fit(data.rows(train)), data.rows(test))
 
     return held_out(data.friction_torque, fold, predict)
+
+
+def law_torque(law: LawEntry, fit: Fit, seen: FrictionData) -> Float:
+    """Return the torque of a fitted law at other samples, shape (N,). [N m]
+
+    Args:
+        fit: The regression behind it.
+    """
+    degc = np.nan_to_num(seen.motor_temperature_degc)  # without any, the law is a constant
+    viscous = viscous_law(law).viscous(degc)
+    return fit.values[0] * seen.sign + viscous * seen.turning + nuisance(fit, seen)
 
 
 def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:

@@ -68,7 +68,7 @@ class PredictionResult(Shown):
 
 @takes(PredictOptions)
 def predict(
-    program: str | Path | PlannedMotion,
+    program: str | Path | PlannedMotion | LoadedMotion,
     model: ModelName,
     temperature: float | Sequence[float] | Float,
     *,
@@ -97,9 +97,8 @@ def predict(
     """
     used = model_of(model)
     if isinstance(program, str | Path):
-        motion = load_motion(program, Robot.from_model(used), tool, topic)
-    else:
-        motion = LoadedMotion(program, "the motion")
+        program = load_motion(program, Robot.from_model(used), tool, topic)
+    motion = program if isinstance(program, LoadedMotion) else LoadedMotion(program, "the motion")
     given: PredictOptions = {"repeat": motion.repeat, **options}
     result = prediction.predict(
         used, motion.motion, temperature, motion.name, notes=motion.notes, **given

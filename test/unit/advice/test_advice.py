@@ -292,10 +292,10 @@ def test_what_overlaps_is_counted_once():
 
 def test_the_basis_of_a_year_is_that_of_the_recordings():
     days = RecordedEvidence(observed_time=8 * 36e2 * 10, start_ns=0, end_ns=10 * 86_400 * SECOND)
-    basis = _basis(days, None, "EUR", None, None, None)
+    basis = _basis(days, {})
     assert basis.hours_per_day == pytest.approx(8.0)
     assert basis.days_per_year == 365.0
-    short = _basis(RecordedEvidence(observed_time=60.0), None, "EUR", None, None, None)
+    short = _basis(RecordedEvidence(observed_time=60.0), {})
     assert (short.hours_per_day, short.days_per_year) == (None, None)
     assert short.sentence.count("not known") == 2
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
@@ -437,7 +437,7 @@ def test_what_saves_next_to_nothing_is_not_listed():
 
 
 def test_figures_that_make_no_sense_are_refused(bag):
-    with pytest.raises(ParameterError, match="price is -1"):
+    with pytest.raises(ParameterError, match="'price' of advise is -1"):
         re.advise(bag, MODEL, price=-1.0)
     with pytest.raises(ParameterError, match="no recording"):
         re.advise([], MODEL)

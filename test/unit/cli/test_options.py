@@ -16,6 +16,7 @@ from robot_energy_plan.options import OptimizeOptions, PredictOptions, SharedBus
 
 VERBS = {
     "replay": (re.replay, ReplayOptions),
+    "test": (re.evaluate, ReplayOptions),
     "predict": (re.predict, PredictOptions),
     "optimize": (re.optimize, OptimizeOptions),
     "shared-bus": (re.shared_bus, SharedBusOptions),
@@ -25,6 +26,7 @@ VERBS = {
 }
 # What these verbs have of a replay from Python alone.
 PYTHON = {
+    "test": {"jobs", "processes", "out", "overwrite", "power_period"},
     "shared-bus": {"robot", "jobs", "processes", "out", "overwrite", "power_period"},
     "advise": {"jobs", "processes", "out", "overwrite", "power_period"},
     "fleet run": {"processes"},

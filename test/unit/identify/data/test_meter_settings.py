@@ -13,6 +13,7 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.bag.cdr.types import typestore
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.messages.fields import METER_TOPIC
 from robot_energy.model import load
 from robot_energy.timeline.blocks import MeterBlock
 from robot_energy_identify.cabinet.cabinet import fit_cabinet
@@ -21,7 +22,7 @@ from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
-from robot_energy_rig.record import POWER_METER, record
+from robot_energy_rig.record import record
 
 FLOAT64 = "std_msgs/msg/Float64"
 STORE = typestore()
@@ -42,8 +43,8 @@ def run(tmp_path_factory):
     )
     reader = BagReader(folder / "rig")
     ingest = MeterIngest()
-    readings = [ingest.step([part[POWER_METER]]) for part in reader.parts([POWER_METER])]
-    others = {name: info.msgtype for name, info in reader.topics.items() if name != POWER_METER}
+    readings = [ingest.step([part[METER_TOPIC]]) for part in reader.parts([METER_TOPIC])]
+    others = {name: info.msgtype for name, info in reader.topics.items() if name != METER_TOPIC}
     rows = [
         (int(time), topic, batch.row(row))
         for part in reader.parts(list(others))
