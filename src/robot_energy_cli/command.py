@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from inspect import signature
 from typing import Any
 
-from robot_energy.foundation.options import MAX_NUMBER, Option, options_of
+from robot_energy.foundation.options import Option, options_of
 from robot_energy_cli.numbers import number, number_type, whole
 
 COUNT = "N"
@@ -142,8 +142,8 @@ def _flag(name: str, option: Option) -> tuple[str, tuple[str, dict[str, Any]]]:
     words: dict[str, Any] = {}
     if option.choices:
         words = {"choices": option.choices, "type": type(option.choices[0])}
-    elif (option.low, option.high) != (-MAX_NUMBER, MAX_NUMBER):
-        words["type"] = number_type(option.expected, option.low, option.high)
+    elif option.unit not in ("", "1"):
+        words["type"] = number_type(option.expected[2:], option.low, option.high)
     if option.several:
         words |= LIST if option.several == "in a row" else SEVERAL
     if option.default is not None and option.default is not False:

@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy.replay.options import ReplayOptions
 from robot_energy_cli.command import REQUIRED, Command, add_options, flags
 from robot_energy_cli.numbers import positive
 from robot_energy_cli.replay_options import DAMAGED, add_replay, options_given
@@ -22,6 +21,7 @@ from robot_energy_cli.terminal import (
     write_json,
     wrote,
 )
+from robot_energy_fleet.options import WHERE, FleetOptions
 
 if TYPE_CHECKING:
     from robot_energy_fleet.bag_list import FleetBag, FleetModels
@@ -53,11 +53,7 @@ LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 OPTIONS = {
     "--out DATASET": ("folder of the dataset", REQUIRED),
-    "--name NAME": "name of the robot in the fleet (default: that of the folder "
-    "in which a recording lies); a column 'robot' of a table overrides it",
-    "--split-files": "each MCAP file is a bag of its own, also in the folder of a split recording",
-    "--history FOLDER": "write what each robot used in each minute and job to a history as well, "
-    "for `robot-energy history`; no recorder may write to it meanwhile",
+    **flags(FleetOptions, ""),
     "--watch S": (
         "look for new bags again after this many seconds, until stopped; a bag that is still being "
         "written is replayed once it is complete",
@@ -65,14 +61,7 @@ OPTIONS = {
     ),
     **JSON_OPTION,
 }
-WHERE = {
-    "--scheduler URL": "address of a Dask scheduler, such as tcp://10.0.0.5:8786",
-    "--workers N": (
-        "processes on this host (default: one for each core; 0: in this process, one bag "
-        "after the other)",
-        {"type": int},
-    ),
-    "--memory SIZE": ("memory of each process at most (default 2GB)", {"default": "2GB"}),
+SCRATCH = {
     "--scratch GB": (
         "size up to which a bag from a URL is copied to the host that replays it (default 20)",
         {"type": positive, "default": 20.0},
@@ -83,8 +72,8 @@ WHERE = {
 def _options(parser: ArgumentParser) -> None:
     parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
     add_options(parser, OPTIONS)
-    add_options(parser.add_argument_group("where it runs"), WHERE)
-    add_options(parser, flags(ReplayOptions, "jobs"))
+    add_options(parser.add_argument_group(WHERE), flags(FleetOptions, WHERE) | SCRATCH)
+    add_options(parser, flags(FleetOptions, "jobs"))
     add_replay(parser, fixed=False)
 
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import csv
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator
-from datetime import UTC, date, datetime, timedelta
+from collections.abc import Callable
+from datetime import date, datetime, timedelta
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.time_zone import local_time
 from robot_energy_cli.command import Command, Group, Options
 from robot_energy_cli.history_output import EXAMPLES, EXPORT, REPORT, export, report
 from robot_energy_cli.terminal import console
@@ -89,16 +90,17 @@ def _show(args: Namespace) -> int:
 
 def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
     from robot_energy_history.api import history, history_events, history_jobs
+    from robot_energy_history.spans import rows_of
     from robot_energy_report.document import Column
     from robot_energy_report.formats import counted, fixed
 
     names: list[str] = args.robots.split(",") if args.robots else []
     found = history(_folder(args), start, stop, resolution, names, args.timezone)
-    rows = list(_rows(found))
+    rows = rows_of(found)
     zone = ZoneInfo(args.timezone)
 
     def local(stamp_ns: int) -> str:
-        return f"{datetime.fromtimestamp(stamp_ns // 10**9, zone):%F %R}"
+        return f"{local_time(stamp_ns, zone):%F %R}"
 
     page.heading(title)
     if not rows:
@@ -133,7 +135,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
         _shifts(args, page, start, stop, names, found.currency)
     asked = (_folder(args), start, stop)
     if resolution == "all" and rows:
-        ended = list(_rows(history_jobs(*asked, "all", names, args.timezone)))
+        ended = rows_of(history_jobs(*asked, "all", names, args.timezone))
         if ended:
             columns = [
                 Column("job", itemgetter("job")),
@@ -145,7 +147,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             page.rows("Jobs that ended", columns, ended)
     if args.start:
         _friction(args, page, asked, names)
-        known = list(_rows(history_events(*asked, names, args.timezone)))
+        known = rows_of(history_events(*asked, names, args.timezone))
         if known:
             columns = [
                 Column("when", lambda row: local(row["stamp_ns"])),
@@ -169,17 +171,16 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
 
 def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
     from robot_energy_history.api import history_friction
+    from robot_energy_history.spans import rows_of
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
-    found = list(_rows(history_friction(*asked, "month", names, args.timezone)))
+    found = rows_of(history_friction(*asked, "month", names, args.timezone))
     zone = ZoneInfo(args.timezone)
     if not found:
         return
     columns = [
-        Column(
-            "month", lambda row: f"{datetime.fromtimestamp(row['stamp_ns'] // 10**9, zone):%Y-%m}"
-        ),
+        Column("month", lambda row: f"{local_time(row['stamp_ns'], zone):%Y-%m}"),
         *(Column(name, itemgetter(name)) for name in ("robot", "joint")),
         Column("over the model file", itemgetter("ratio"), fixed(3)),
         Column("days", itemgetter("days")),
@@ -210,6 +211,7 @@ def _shifts(
     args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
 ) -> None:
     from robot_energy_history.api import history
+    from robot_energy_history.spans import rows_of
     from robot_energy_history.tariffs import stored_tariffs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
@@ -224,7 +226,7 @@ def _shifts(
         Column("standby", itemgetter("standby_microjoule"), _kwh, "kWh"),
         Column("cost", itemgetter("cost"), fixed(2), currency),
     ]
-    page.rows("Energy by shift", columns, list(_rows(found)))
+    page.rows("Energy by shift", columns, rows_of(found))
 
 
 def _kwh(microjoule: float) -> str:
@@ -233,6 +235,7 @@ def _kwh(microjoule: float) -> str:
 
 def _savings(args: Namespace) -> int:
     from robot_energy_history.savings import history_savings
+    from robot_energy_history.spans import rows_of
     from robot_energy_report.document import Column, Document
     from robot_energy_report.formats import fixed
     from robot_energy_report.printing import print_document
@@ -257,14 +260,12 @@ def _savings(args: Namespace) -> int:
         ],
         list(zip(model.names, model.values, model.std * model.half_width(0.9), strict=True)),
     )
-    zone, rows = ZoneInfo(args.timezone), list(_rows(found))
+    zone, rows = ZoneInfo(args.timezone), rows_of(found)
     weekly = [*rows[6:-1:7], *rows[-1:]]
     page.rows(
         "Saved up to the end of each seventh day",
         [
-            Column(
-                "day", lambda row: f"{datetime.fromtimestamp(row['stamp_ns'] // 10**9, zone):%F}"
-            ),
+            Column("day", lambda row: f"{local_time(row['stamp_ns'], zone):%F}"),
             Column("saved", itemgetter("saved"), fixed(3), "kWh"),
             Column("+-", itemgetter("band"), fixed(3), "kWh"),
         ],
@@ -299,12 +300,6 @@ def _further(path: str | None) -> dict[str, dict[date, float]]:
             f"{path} cannot be read ({error})", "CSV: date,ambient and rows such as 2026-03-01,21.5"
         ) from error
     return found
-
-
-def _rows(table: Any) -> Iterator[dict[str, Any]]:
-    flat = table.to_dict()
-    for values in zip(*(column.tolist() for column in flat.values()), strict=True):
-        yield dict(zip(flat, values, strict=True))
 
 
 def _of(value: str | Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -342,7 +337,7 @@ def _tariff(args: Namespace) -> int:
         add_tariffs(folder, load_tariffs(args.add), time.time_ns())
     known = stored_tariffs(folder)
     for one in known:
-        begin = datetime.fromtimestamp(one.begin_ns / 1e9, UTC)
+        begin = local_time(one.begin_ns)
         price = "no price" if one.price_per_kwh is None else f"{one.price_per_kwh:g} {one.currency}"
         console().print(
             f"from {one.begin} ({begin:%F %R} UTC), {one.timezone}: {price} per kWh, "

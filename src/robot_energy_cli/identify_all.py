@@ -7,19 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy_cli.command import Command, Options, keywords_of
+from robot_energy_cli.command import Command, Options, flags, keywords_of
 from robot_energy_cli.identify_inputs import (
-    DRIVE_POWER,
     LINK_VOLTAGES,
     SENSOR_OPTIONS,
-    SHARE_SHAPE,
     IdentifyInputs,
     bag_options,
     result_options,
 )
 from robot_energy_cli.terminal import present, progress
-
-SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor", "thermal")
+from robot_energy_identify.options import OF_DRIVES, SUBJECTS, IdentifyOptions
 
 DESCRIPTION = """\
 Identify everything that the recordings allow, in this order: bodies and rotors from
@@ -43,16 +40,11 @@ OPTIONS: Options = {
         effort="what the effort in the joint states means; without it neither bodies nor "
         "friction can be identified"
     ),
-    "--test BAG": ("recordings for the test alone", {"nargs": "+", "default": []}),
-    **DRIVE_POWER,
-    "--skip PART": (
-        "leave these as the model has them: %(choices)s",
-        {"nargs": "+", "choices": SUBJECTS, "default": []},
-    ),
+    **flags(IdentifyOptions, "test", OF_DRIVES, "skip"),
     "--no-test": "do not test the energy on held-out recordings",
     "--details": "print tables and notes of every step",
     **LINK_VOLTAGES,
-    **SHARE_SHAPE,
+    **flags(IdentifyOptions, "share_shape"),
     **SENSOR_OPTIONS,
     **result_options("all that was identified"),
 }

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy_cli.command import Command, Options, add_option, add_options
+from robot_energy_cli.command import Command, Options, add_option, add_options, flags
 from robot_energy_cli.identify_inputs import (
-    DRIVE_POWER,
     LOG,
     SENSOR_OPTIONS,
     IdentifyInputs,
@@ -20,6 +19,7 @@ from robot_energy_cli.identify_inputs import (
 )
 from robot_energy_cli.numbers import frequency
 from robot_energy_cli.terminal import present
+from robot_energy_identify.options import OF_DRIVES, IdentifyOptions
 from robot_energy_logs.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
@@ -54,7 +54,9 @@ def _options(parser: ArgumentParser) -> None:
         "what the effort in the joint states means; without it the model's own torque is used, "
         "rigid bodies and friction"
     )
-    add_options(parser, {**bag_options(required=False, effort=effort), **DRIVE_POWER})
+    add_options(
+        parser, {**bag_options(required=False, effort=effort), **flags(IdentifyOptions, OF_DRIVES)}
+    )
     for kind in LOG_FORMATS.values():
         if kind.recording is not None:
             words = {"dest": "log_format", "action": "store_const", "const": kind.name}

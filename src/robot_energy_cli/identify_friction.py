@@ -6,16 +6,16 @@ from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError, NotIdentifiableError
-from robot_energy_cli.command import Command, Options
+from robot_energy_cli.command import Command, Options, flags
 from robot_energy_cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,
-    SHARE_SHAPE,
     IdentifyInputs,
     bag_options,
     result_options,
 )
 from robot_energy_cli.terminal import present
+from robot_energy_identify.options import IdentifyOptions
 
 if TYPE_CHECKING:
     from robot_energy_identify.friction.samples import FrictionData
@@ -133,7 +133,7 @@ def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
 
 OPTIONS: Options = {
     **bag_options(required=False),
-    **SHARE_SHAPE,
+    **flags(IdentifyOptions, "share_shape"),
     **SENSOR_OPTIONS,
     **result_options("this friction", "draw points and laws (.png, .svg, .pdf)"),
     "from a log of single-joint motions, without a model (relative figures)": LOG,

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy.foundation.units import DQ_FACTORS
 from robot_energy_cli.command import LIST, Options, name_of
 from robot_energy_cli.numbers import number
 from robot_energy_cli.replay_options import INPUTS, MODEL_OR_ROBOT
 from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, progress
+from robot_energy_identify.options import EFFORTS
 
 if TYPE_CHECKING:
     from robot_energy_identify.api.bag_source import BagSource
@@ -35,33 +35,12 @@ SENSOR_OPTIONS: Options = {  # which no recording shows
         for name, unit, _, default, what in SENSORS
     }
 }
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
-DRIVE_POWER: Options = {
-    "--drive-power TOPIC": (
-        "array with the power of each drive [W]; or four arrays, from which the power is "
-        "computed: currents d and q [A], voltages d and q [V]",
-        LIST,
-    ),
-    "--drive-joints JOINT": (
-        "joints in the order of these arrays (default: of the model)",
-        LIST,
-    ),
-    "--dq-scaling": (
-        "what the four are: peak or RMS values of a phase, or those of the power-invariant "
-        "transformation (default: peak)",
-        {"choices": tuple(DQ_FACTORS), "default": "peak"},
-    ),
-}
 LINK_VOLTAGES: Options = {  # which a grid meter cannot determine
     "--link-voltages": (
         "of the DC link: rectified mains, and where the brake chopper starts [V] (default: "
         "those of the model file, else 566 and 700, assumed)",
         {"nargs": 2, "type": number, "metavar": ("MAINS", "CHOPPER")},
     )
-}
-SHARE_SHAPE: Options = {
-    "--share-shape": "axes whose range of temperature or speed is too small take the temperature "
-    "shape of the others; only its size is fitted"
 }
 LOG: Options = {
     "--log LOG": ("tables: CSV, plain or .gz, Parquet", LIST),

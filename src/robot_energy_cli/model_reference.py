@@ -82,6 +82,7 @@ def _titles() -> dict[str, str]:
         "JointThermal": "`thermal` of a joint",
         "JointGear": "`gear` of a joint",
         "Stribeck": "`stribeck` of the friction",
+        "ViscousExponent": "`viscous_exponent` of the friction",
         "Coupling": "`coupling`",
         "Cabinet": "`cabinet`",
         "Capacitor": "`capacitor` of the cabinet",

@@ -6,10 +6,9 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import Any
 
-from robot_energy.replay.options import PART, ReplayOptions
+from robot_energy.replay.options import PART
 from robot_energy_cli.command import (
     REQUIRED,
-    SEVERAL,
     Command,
     add_option,
     add_options,
@@ -18,6 +17,7 @@ from robot_energy_cli.command import (
 )
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import add_tool, tool_options
+from robot_energy_plan.options import TOOL, OptimizeOptions
 
 DESCRIPTION = """\
 Look for the speeds, accelerations, pauses and states at rest with which a program needs least
@@ -39,23 +39,7 @@ OPTIONS = {
     "--model FILE|NAME": ("model of the robot", REQUIRED),
     "--temperature DEGC|A..B": "temperature of all motors, or the range in which they work "
     "(default: that of the model)",
-    "--cycle-time S": "time of one cycle with its wait (default: the next one begins at once)",
-    "--standby": "rests may be spent on brakes, in standby or hibernation, with assumed figures",
-    "--rest-states FILE": "figures of these states, for this robot",
-    "--regenerative": "evaluate a regenerative supply as well",
-    "--peak-limit W": "greatest power from the grid",
-    "--cycles-per-year N": "how many cycles there are in a year: says what is saved in it",
-    "--time-law": "moves may follow time laws of their own; --out writes a trajectory then",
-    "--level PROGRAM": (
-        "program of another robot of this model on the same supply; starts within the cycle "
-        "time are shifted so that the peak is least; repeat the option for several robots",
-        SEVERAL,
-    ),
-    "--one-bus": "the robots of --level share one DC bus: starts are shifted so that least "
-    "energy is needed, as one accelerates while another brakes",
-    "--free-rests": "the work needs none of the rests of the program: moves may fill them (cycle "
-    "time: as long as now, unless given)",
-    "--topic NAME": "of the JointTrajectory, or of the joint states, in a bag",
+    **flags(OptimizeOptions, ""),
 }
 
 
@@ -69,11 +53,10 @@ def _options(parser: ArgumentParser) -> None:
     add_options(parser, OPTIONS)
     tool = parser.add_argument_group("G-code")
     add_tool(tool)
-    text = "greatest factor on all feeds (default 1: never faster than the program)"
-    add_option(tool, "--max-feed F", text, default=1.0)
+    add_options(tool, flags(OptimizeOptions, TOOL))
     add_options(
         parser.add_argument_group("part of recorded joint states: one cycle"),
-        flags(ReplayOptions, PART),
+        flags(OptimizeOptions, PART),
     )
     output = parser.add_argument_group("output")
     add_option(output, "--out FILE", "write the chosen program in the form of the given one")
@@ -83,15 +66,12 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     from robot_energy.foundation.files.placement import all_or_none
     from robot_energy_plan.api.optimize import optimize
-    from robot_energy_plan.optimization.rest_states import read_rest_states
     from robot_energy_report.document import Document
     from robot_energy_report.optimization import measures_and_front, optimization_document
 
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
-    states = args.standby if args.rest_states is None else read_rest_states(args.rest_states)
     with progress(f"{args.program}: every move in every way") as show:
-        options: dict[str, Any] = keywords_of(optimize, args) | {
-            "standby": states,
+        options: Any = keywords_of(optimize, args) | {
             "tool": tool_options(args, args.base, args.start_position),
             "progress": show,
         }

@@ -9,9 +9,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy_cli.command import SEVERAL, Command, add_options
+from robot_energy_cli.command import Command, add_options, flags
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
+from robot_energy_plan.options import PAYLOAD_LINK, PredictOptions
 
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 
 MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
-MAX_SAMPLES_OPTION = 1_000_000_000
 SEVERAL_REQUIRED: dict[str, Any] = {"required": True, "action": "append"}
-PAYLOAD_LINK = "tool0"
 DESCRIPTION = """\
 Predict the energy of motion programs before they are run, for one or several robots, at
 the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
@@ -54,16 +53,8 @@ OPTIONS = {
         "compare",
         SEVERAL_REQUIRED,
     ),
-    "--payload KG[,X,Y,Z][@LINK]": "what the robot carries, its centre of mass in the frame of "
-    f"the link [m] (default link {PAYLOAD_LINK}), instead of what the model has on that link",
-    "--auxiliary LOAD=STATE": (
-        "state of an auxiliary load of the models (default: as the model says)",
-        SEVERAL,
-    ),
-    "--repeat N": "how often (default: as the program says, or 1)",
+    **flags(PredictOptions, ""),
     "--topic NAME": "of the JointTrajectory in a bag",
-    "--max-samples N": "greatest number of samples, all programs, robots and temperatures together "
-    "(default 5,000,000: hours of motion at 100 to 200 samples per second)",
 }
 SHAPE = {
     "--layer-height MM": "default 10 mm",
@@ -120,11 +111,6 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
     models = [load(name) for name in args.model]
     bases = _per_model(args.base, len(models), "--base")
     starts = _per_model(args.start_position, len(models), START)
-    payload = [] if args.payload is None else [_payload(args.payload)]
-    if args.repeat is not None and args.repeat < 1:
-        raise MotionError(f"--repeat is {args.repeat}", "a whole number from 1 on")
-    if args.max_samples is not None and not 0 < args.max_samples <= MAX_SAMPLES_OPTION:
-        raise MotionError(f"--max-samples is {args.max_samples}", f"1 to {MAX_SAMPLES_OPTION}")
     plans: list[tuple[LoadedMotion, RobotModel, Float, int]] = []
     for program in args.program:
         for model, base, start in zip(models, bases, starts, strict=True):
@@ -136,25 +122,18 @@ def _predictions(args: Namespace) -> list[tuple[Prediction, LoadedMotion]]:
             for text in args.temperature:
                 degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
                 plans.append((motion, model, degc, repeat))
-    states = dict(_load_state(text) for text in args.auxiliary)
-    most = MAX_SAMPLES if args.max_samples is None else args.max_samples
-    _say_length([(motion, repeat) for motion, _, _, repeat in plans], most)
+    options: PredictOptions = {
+        "payload": [] if args.payload is None else [_payload(args.payload)],
+        "auxiliary": dict(_load_state(text) for text in args.auxiliary),
+        "max_samples": MAX_SAMPLES if args.max_samples is None else args.max_samples,
+    }
+    _say_length([(motion, repeat) for motion, _, _, repeat in plans], options["max_samples"])
     found: list[tuple[Prediction, LoadedMotion]] = []
     for motion, model, degc, repeat in plans:
         label = f"{motion.name}, {model.robot.type}, {motion.motion.duration * repeat:.4g} s"
         with progress(label) as show:
-            result = predict(
-                model,
-                motion.motion,
-                degc,
-                motion.name,
-                repeat,
-                payload,
-                motion.notes,
-                show,
-                most,
-                auxiliary=states,
-            )
+            given: PredictOptions = {**options, "repeat": repeat, "progress": show}
+            result = predict(model, motion.motion, degc, motion.name, notes=motion.notes, **given)
         found.append((result, motion))
     return found
 

@@ -18,6 +18,7 @@ from pydantic_core import core_schema
 
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.regular_file import read_regular
+from robot_energy.foundation.options import texts_of
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
 from robot_energy.results.base import SCHEMA_VERSION, Result
@@ -137,6 +138,9 @@ class _Generator(GenerateJsonSchema):
         kind = cast("Any", schema["cls"])
         described: dict[str, str] = {}
         for base in reversed(kind.__mro__):
+            if texts := dict(texts_of(base)):
+                described |= texts
+                continue
             block = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
             words = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", block, re.MULTILINE)
             described |= {name: " ".join(lines.split()) for name, lines in words}

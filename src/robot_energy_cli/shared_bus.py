@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from typing import Any
 
-from robot_energy_cli.command import Command, add_options, keywords_of
+from robot_energy_cli.command import Command, add_options, flags, keywords_of
 from robot_energy_cli.replay_options import DAMAGED, add_reading
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present
 from robot_energy_cli.tool_options import add_tool, tool_options
+from robot_energy_plan.options import SharedBusOptions
 
 DESCRIPTION = """\
 Say what several robots save on one DC bus, where what one brakes is used by another: from bags that
@@ -28,9 +30,7 @@ OPTIONS = {
         {"required": True, "action": "append"},
     ),
     "--temperature DEGC": "temperature of all motors, for programs (default: that of each model)",
-    "--cycle-time S": "cycle time of programs: each robot waits until then (default: the longest)",
-    "--same-start": "the recordings were made at different times: treat them as begun at once",
-    "--topic NAME": "topic of the JointTrajectory in a bag",
+    **flags(SharedBusOptions, ""),
 }
 
 
@@ -53,10 +53,8 @@ def _run(args: Namespace) -> int:
     from robot_energy_report.shared_bus import shared_bus_document
 
     check_outputs(args, [*args.motions, *args.model, args.inputs])
-    given = {
-        name: value for name, value in keywords_of(shared_bus, args).items() if value is not None
-    }
-    given["tool"] = tool_options(args, args.base, args.start_position)
+    tool = tool_options(args, args.base, args.start_position)
+    given: Any = keywords_of(shared_bus, args) | {"tool": tool}
     found = shared_bus(args.motions, args.model, args.temperature, **given)
     page = Document(
         "Several robots on one DC bus",

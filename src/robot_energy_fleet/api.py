@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from robot_energy.foundation.options import takes
 from robot_energy.model import RobotModel
 from robot_energy.presets import ROBOTS
 from robot_energy.replay.inputs import ModelName, model_of
-from robot_energy.replay.options import ReplayOptions
+from robot_energy.replay.options import ReadOptions
 from robot_energy_fleet import report
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset, read_tables
-from robot_energy_fleet.fleet_run import FleetRun, open_history, run_fleet, where_asked
+from robot_energy_fleet.fleet_run import open_history, run_fleet, where_asked
 from robot_energy_fleet.identify import identify_fleet
+from robot_energy_fleet.options import FleetOptions
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
 from robot_energy_identify.api.identify import IdentificationResult
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 from robot_energy_report.page.settings import load_settings
 
-# Of one replay; a task has none of them.
-NOT_HERE = {"learned", "out", "overwrite", "power_period", "progress"}
 
-
-@takes(ReplayOptions, NOT_HERE)
+@takes(FleetOptions)
 def fleet_run(
     bags: str | Path,
     out: str | Path,
     model: ModelName | None = None,
-    *,
-    name: str | None = None,
-    split_files: bool = False,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    memory: str = "2GB",
-    history: str | Path | None = None,
-    progress: Callable[[FleetRun], None] = lambda done: None,
-    **options: Any,
+    **options: Unpack[FleetOptions],
 ) -> FleetRunReport:
     """Replay many bags into one dataset: those that it does not hold yet.
 
@@ -47,16 +37,7 @@ def fleet_run(
         out: Folder of the dataset.
         model: Of bags for which a table names none: the model, its file, or the name of a
             shipped one.
-        name: Name of the robot of all bags; None: that of the folder in which a recording lies.
-        split_files: Whether each MCAP file is a bag of its own.
-        workers: Processes to start; None: one for each core; 0: in this process.
-        scheduler: Address of a Dask scheduler, instead of processes of this host.
-        memory: Of each process at most.
-        history: Folder of a history, into which what each robot used in each minute and job is
-            put as well; None for none.
-        progress: Called after each bag.
-        **options: How bags are read: those of `robot_energy.replay`, but for ``out``,
-            ``overwrite``, ``power_period`` and ``learned``.
+        **options: How bags are replayed and read: see `FleetOptions`.
 
     Returns:
         What was done, with the bags that could not be used or were read in part.
@@ -69,11 +50,15 @@ def fleet_run(
     named = models.add(model) if isinstance(model, RobotModel) else model and str(model)
     if robot := options.get("robot"):
         named = ROBOTS[robot].model_or(named)
-    listed = list_bags(str(bags), models, named, options, name, split_files)
+    read = {name: one for name, one in options.items() if name in ReadOptions.__annotations__}
+    split = options.get("split_files", False)
+    listed = list_bags(str(bags), models, named, read, options.get("name"), split)
+    where = options.get("scheduler"), options.get("workers"), options.get("memory", "2GB")
+    progress = options.get("progress", lambda done: None)
     with (
         dataset.locked(),
-        open_history(history) as store,
-        where_asked(scheduler, workers, memory) as replays,
+        open_history(options.get("history")) as store,
+        where_asked(*where) as replays,
     ):
         done = run_fleet(listed, models.models, dataset, replays, progress=progress, history=store)
         dataset.pack()

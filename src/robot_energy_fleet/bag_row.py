@@ -7,7 +7,6 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -22,6 +21,7 @@ from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.registers import RegistersWriter
@@ -168,7 +168,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     start_ns = report.time.start_ns
     day = UNKNOWN_DATE
     if start_ns is not None:
-        day = f"{datetime.fromtimestamp(start_ns // 1_000_000_000, UTC):%Y-%m-%d}"
+        day = f"{local_time(start_ns):%Y-%m-%d}"
     listed = list(_jobs(result, report))
     row = {
         **_common(bag, bag_hash),

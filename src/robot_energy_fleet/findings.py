@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from math import exp, expm1
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.bag_joints import BagJoints, wear_records
@@ -185,7 +185,7 @@ def _worn(
         if abs(size) < MIN_FRICTION or (size < 0) != test.drift.fell:
             continue
         alarm = WearAlarm(str(joint), test.drift)
-        since = datetime.fromtimestamp((test.drift.since_ns or 0) // 10**9, UTC)
+        since = local_time(test.drift.since_ns or 0)
         what = "fell, as after re-greasing or running in" if alarm.drift.fell else "has risen"
         text = (
             f"friction of {joint} {what}: in the last quarter of the time it is "

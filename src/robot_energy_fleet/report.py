@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any, TypeVar
 from zoneinfo import ZoneInfo
@@ -12,10 +11,11 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import polars as pl
 
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
-from robot_energy_fleet.findings import RobotsCompared, compare, ordered
+from robot_energy_fleet.findings import compare, ordered
 from robot_energy_fleet.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -72,7 +72,11 @@ def fleet_report(
         bags = bag_joints(own, sisters)
         compared = compare(own, bags, duty_of(own.hours, sisters), len(models))
         findings += compared.findings
-        friction += _curves(bags, compared)
+        friction += [
+            _curve(bags, joint, own, compared.findings)
+            for joint, own in enumerate(compared.friction)
+            if np.isfinite(own.rest).any()  # else too little motion in each bag
+        ]
         comparisons = max(comparisons, compared.comparisons)
         with_sisters |= compared.with_sisters
         with_before |= compared.with_before
@@ -177,7 +181,7 @@ def _parts_of_hour(
     zone = ZoneInfo(settings.timezone)
     parts: list[tuple[int, int, float | None, int]] = []
     for first, last in pairwise(settings.edges(hour_ns, hour_ns + HOUR_NS)):
-        local = datetime.fromtimestamp(first // 10**9, UTC).astimezone(zone)
+        local = local_time(first, zone)
         shift = (sum(local.hour >= one for one in shifts) - 1) % len(shifts)
         holds = settings.price_at(first), shift
         if parts and parts[-1][2:] == holds:
@@ -289,14 +293,6 @@ def duty_of(hours: pl.DataFrame, robots: Sequence[str]) -> list[float]:
     )
     share = {robot: motion / time if time else 0.0 for robot, motion, time in sums.iter_rows()}
     return [share.get(robot, 0.0) for robot in robots]
-
-
-def _curves(bags: BagJoints, compared: RobotsCompared) -> list[FrictionCurve]:
-    return [
-        _curve(bags, joint, own, compared.findings)
-        for joint, own in enumerate(compared.friction)
-        if np.isfinite(own.rest).any()  # else too little motion in each bag
-    ]
 
 
 def _curve(

@@ -6,7 +6,7 @@ does not is kept with its true beginning and end, and no energy is spread over i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
 
@@ -114,15 +114,10 @@ def refuse_nonsense(span: CountedSpan) -> None:
     """
     time = span.values[OBSERVED] + span.values[GAP] + SECOND_NS
     limit = MAX_POWER * time // 1000  # W ns = 1e-3 uJ
-    joints = (value for own in span.joints.values() for value in own)
-    if time > MAX_STAMP_NS or any(
-        abs(value) > limit for value in (*_energies(span.values), *joints)
-    ):
+    energies = [value for own in span.joints.values() for value in own]
+    energies += [v for name, v in zip(COLUMNS, span.values, strict=True) if name[-3:] != "_ns"]
+    if time > MAX_STAMP_NS or any(abs(value) > limit for value in energies):
         raise OverflowError(f"over {limit} uJ in {time} ns")
-
-
-def _energies(values: Sequence[int]) -> Iterator[int]:
-    return (value for name, value in zip(COLUMNS, values, strict=True) if name[-3:] != "_ns")
 
 
 def zero_of(reading: Reading) -> Reading:

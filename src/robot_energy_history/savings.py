@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import DAY_NS, HOUR_NS, SECOND_NS
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS, HOUR_NS
 from robot_energy.timeline.time_series import Column, TimeSeries
 from robot_energy_history.api import History, Instant, history, history_events, history_jobs
 from robot_energy_history.baseline import BAND, EnergyBaseline, Float, compare, fit_baseline
@@ -248,9 +249,7 @@ def _days(days: History, ended: TimeSeries, robot: str, wish: _Wish) -> _Days:
     }
     explained = {name: known[name] for name in wish.drivers}
     for name, values in wish.further.items():
-        local = (
-            datetime.fromtimestamp(one // SECOND_NS, UTC).astimezone(wish.zone) for one in starts
-        )
+        local = (local_time(one, wish.zone) for one in starts)
         explained[name] = np.array([values.get(one.date(), np.nan) for one in local], dtype=float)
         use &= np.isfinite(explained[name])
     energy = days["measured_microjoule" if wish.measured else "predicted_import_microjoule"][own]

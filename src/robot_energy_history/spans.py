@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 from operator import add
 from typing import Any, Literal
@@ -13,7 +13,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.time_zone import time_zone
+from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.timeline.time_series import Column, TimeSeries
 from robot_energy_history.differences import SLOT_NS
@@ -368,7 +368,7 @@ def put_parts(connection: sqlite3.Connection, robots: dict[str, int], parts: Any
 
 
 def _local(stamp_ns: int, zone: ZoneInfo) -> datetime:
-    return datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC).astimezone(zone)
+    return local_time(stamp_ns, zone)
 
 
 def _first(day: date, resolution: Resolution) -> date:

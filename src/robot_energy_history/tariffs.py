@@ -5,7 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 from collections.abc import Sequence
-from datetime import UTC, date, datetime
+from datetime import date, datetime
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ from pydantic import Field, field_validator, model_validator
 
 from robot_energy.foundation.config_file import load
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.time_zone import time_zone
+from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
 from robot_energy.store.state_files import open_regular, read_regular
@@ -103,7 +103,7 @@ class Prices(ModelEntry):
         """
         if self.price_per_kwh is None:
             return None
-        return self.price_of(datetime.fromtimestamp(stamp_ns / SECOND_NS, ZoneInfo(self.timezone)))
+        return self.price_of(local_time(stamp_ns, ZoneInfo(self.timezone)))
 
     def price_of(self, local: datetime) -> float | None:
         """Return the price at a local time; None without prices. [currency/kWh]"""
@@ -143,7 +143,7 @@ class Prices(ModelEntry):
         minutes = {0, *(minute_of(clock) % 60 for clock in clocks)}
         found = {start_ns, end_ns}
         for hour_ns in range(start_ns // HOUR_NS * HOUR_NS, end_ns, HOUR_NS):
-            begin = datetime.fromtimestamp(hour_ns // SECOND_NS, UTC).astimezone(zone).minute
+            begin = local_time(hour_ns, zone).minute
             found.update(hour_ns + (minute - begin) % 60 * MINUTE_NS for minute in minutes)
         return sorted(edge for edge in found if start_ns <= edge <= end_ns)
 

@@ -18,7 +18,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.units import DAY_NS, SECOND_NS
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.differences import SLOT_NS
 from robot_energy_history.rollup import MAX_DAYS, QUARTERS, REGULAR, Rolled, curves_of
 from robot_energy_history.tariffs import (
@@ -208,7 +209,7 @@ class _Calendar:
             begin, end = max(start_ns, tariff.begin_ns), min(stop_ns, until)
             if begin >= end:
                 continue
-            day = datetime.fromtimestamp(begin // SECOND_NS, zone).date()
+            day = local_time(begin, zone).date()
             first = day_begin(day, zone)
             while first < end:
                 day += timedelta(days=1)
@@ -237,7 +238,7 @@ class _Calendar:
         self, number: int, tariff: Tariff, first: int, following: int, zone: ZoneInfo
     ) -> NDArray[np.int64]:
         """Numbers of uses of the quarter hours of a local day."""
-        local = datetime.fromtimestamp(first // SECOND_NS, zone)
+        local = local_time(first, zone)
         key, ordinary = (number, local.weekday()), following - first == DAY_NS
         if ordinary and key in self._weekdays:
             return self._weekdays[key]
@@ -249,7 +250,7 @@ class _Calendar:
                 number = self._number(tariff, midnight + timedelta(minutes=begin))
                 found[begin // QUARTER : end // QUARTER] = number
         for place in () if ordinary else range(len(found)):
-            clock = datetime.fromtimestamp((first + place * SLOT_NS) // SECOND_NS, zone)
+            clock = local_time(first + place * SLOT_NS, zone)
             found[place] = self._number(tariff, clock)
         if ordinary:
             self._weekdays[key] = found

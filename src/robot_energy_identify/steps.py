@@ -36,7 +36,7 @@ from robot_energy_identify.dynamics.validation import TorqueError
 from robot_energy_identify.friction.friction import (
     FrictionFit,
     fit_axes,
-    fit_friction,
+    fit_laws,
     with_friction,
 )
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
@@ -343,7 +343,7 @@ def _over_temperature(axis: FrictionData) -> FrictionFit | None:
     tried = [replace(axis.by_load(np.inf), load=untested)] if axis.load.any() else []
     for data in (*tried, replace(axis, load=untested)):
         with suppress(NotIdentifiableError):
-            return fit_friction(data)
+            return fit_laws(data)
     return None
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 
 from robot_energy.foundation.errors import LogFormatError
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import MeterLocation, MeterMeaning
@@ -142,5 +142,5 @@ def _early(begin_ns: int, time: Time) -> list[str]:
     if begin_ns >= MIN_DATE * SECOND_NS or time.unit not in DIGITS:
         return []
     remedy = time_remedy(str(Decimal(begin_ns).scaleb(-DIGITS[time.unit])))
-    day = datetime.fromtimestamp(begin_ns // SECOND_NS, UTC).date()
+    day = local_time(begin_ns).date()
     return [f"the recording begins on {day}: {remedy}"] if remedy else []

@@ -293,7 +293,7 @@ def stacked(
         for index, (name, values) in enumerate(parts.items()):
             axes.barh(place, values, 0.55, left=left, label=name, color=SERIES[index])
             left = left + np.asarray(values)
-        ends = np.max([left, *marks.values()], axis=0)  # a mark beyond the bar is no text's place
+        ends = np.vstack([left, *marks.values()]).max(axis=0)  # no text on a mark beyond the bar
         for y, end, total in zip(place, ends, left, strict=True):
             axes.annotate(f"{total:.0f}", (end, y), (6.0, 0.0), textcoords="offset points",
                           va="center", fontsize=8)  # fmt: skip

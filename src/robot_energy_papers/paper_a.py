@@ -12,7 +12,7 @@ from robot_energy.model import RobotModel, load
 from robot_energy.timeline.blocks import Float
 from robot_energy_papers.calibration import Calibration, calibrate
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
-from robot_energy_papers.held_out import SetRow, held_out, normalised, shaft_power
+from robot_energy_papers.held_out import SetRow, held_out, shaft_power
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_papers.kr16_sensitivity import holding_table, rise_table
 from robot_energy_papers.models import FOLLOWS, Identified, identify
@@ -154,11 +154,6 @@ class PaperA:
         """Held-out sets that were not recorded while cooling, coldest first."""
         rows = [row for row in self.rows if row.way != "cooling"]
         return sorted(rows, key=lambda row: row.robot_degc)
-
-    @property
-    def reference_power(self) -> float:
-        """Measured mean power at 22 degC. [W]"""
-        return normalised(self.warming, REFERENCE_DEGC)
 
     @property
     def friction_errors(self) -> list[tuple[Float, Float]]:

@@ -22,7 +22,7 @@ from robot_energy_papers.drawings import (
     shaft_power_over_temperature,
 )
 from robot_energy_papers.experiment import MOVES
-from robot_energy_papers.held_out import SetRow, worst
+from robot_energy_papers.held_out import SetRow, normalised, worst
 from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name
 from robot_energy_papers.pages import Piece
@@ -169,7 +169,7 @@ def pieces(result: PaperA) -> dict[str, Piece]:
 
 
 def _energy_study(result: PaperA) -> EnergyStudy:
-    reference, at = result.reference_power, result.identified.fixed_degc
+    reference, at = normalised(result.warming, REFERENCE_DEGC), result.identified.fixed_degc
     labels = {name: f"predicted, friction of {at[name]:.0f} degC" for name in FIXED}
     labels[FOLLOWS] = "predicted, friction follows temperature"
     labels[CAPACITOR] = "with drive losses and DC link"

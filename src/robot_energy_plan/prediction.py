@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Unpack
 
 import numpy as np
 
@@ -28,13 +29,13 @@ from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, JointBlock, Temp
 from robot_energy_plan.limit_utilisation import LimitUse
 from robot_energy_plan.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
 from robot_energy_plan.motion.ptp import Trajectory
+from robot_energy_plan.options import PredictOptions
 
 START_NS = 1_000_000_000  # stamps of 0 mean that there is none
 POINTS = 1500  # of the curve of power, at most
 MIN_PERIOD = 0.02  # s
 MAX_REPEATS = 100_000
 MAX_SAMPLES = 5_000_000  # of all repetitions: minutes of work, and hours of motion
-Progress = Callable[[float], None]
 
 
 @dataclass
@@ -77,27 +78,23 @@ def predict(
     motion: PlannedMotion,
     motor_temperature_degc: float | Sequence[float] | Float,
     program: str = "the motion",
-    repeat: int = 1,
-    payload: Sequence[Payload] = (),
+    *,
     notes: Sequence[str] = (),
-    progress: Progress | None = None,
-    max_samples: int = MAX_SAMPLES,
     on_output: Callable[[Output], None] | None = None,
-    auxiliary: Mapping[str, str] | None = None,
+    **options: Unpack[PredictOptions],
 ) -> Prediction:
     """Return the predicted energy of a motion, with its account.
 
     Args:
         motion: From start to end; its joints are matched by name.
         motor_temperature_degc: One for all motors, or shape (n,). [degC]
-        payload: Bodies that the robot carries from start to end: each instead of what the model
-            has on its link, and besides what that has on others, which is noted.
         notes: What a reader should know of the motion, one sentence each.
-        progress: Called with the share done, 0 to 1.
-        max_samples: Of all repetitions; more are refused before the work begins.
-        auxiliary: States of auxiliary loads from start to end, by the names of the loads; others
-            are in the state that the model says.
+        on_output: Called with what each step of the pipeline gave.
+        **options: See `PredictOptions`.
     """
+    payload, auxiliary = options.get("payload", ()), options.get("auxiliary", {})
+    repeat, max_samples = options.get("repeat", 1), options.get("max_samples", MAX_SAMPLES)
+    progress = options.get("progress")
     temperature = _temperatures(motor_temperature_degc, len(model.joints))
     order = _order(model, motion.joint_names)
     samples = planned_samples(motion, repeat)
@@ -111,7 +108,7 @@ def predict(
     period = max(MIN_PERIOD, duration / POINTS)
     pipeline = EnergyPipeline(model, Settings(power_period=period, temperature_assumed=True))
     if model.auxiliary or auxiliary:
-        pipeline.account.auxiliary = AuxiliaryAccount(_loads(model, auxiliary or {}), planned=True)
+        pipeline.account.auxiliary = AuxiliaryAccount(_loads(model, auxiliary), planned=True)
     for body in payload:
         pipeline.torque.set_payload(body)
     friction = FrictionModel.from_model(model)

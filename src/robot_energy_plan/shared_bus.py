@@ -130,7 +130,7 @@ def planned_robot(
         degc: Of all motors, or of each, shape (n,). [degC]
     """
     robot = BusRobot(name, model)
-    found = predict(model, motion, degc, name, repeat, on_output=robot.take)
+    found = predict(model, motion, degc, name, repeat=repeat, on_output=robot.take)
     robot.notes += found.notes
     robot.problems += found.limits.sentences()
     return robot

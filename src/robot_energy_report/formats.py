@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from datetime import UTC, datetime
 
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
 from robot_energy_report.page.energy_flow import rounded_parts
 
@@ -204,7 +204,7 @@ def utc(stamp_ns: int | None, form: str = "%F %R") -> str:
     """
     if stamp_ns is None:
         return NOTHING
-    return f"{datetime.fromtimestamp(stamp_ns // 10**9, UTC):{form}}"
+    return f"{local_time(stamp_ns):{form}}"
 
 
 def uncertain(value: float, std: float) -> str:

@@ -88,7 +88,8 @@ def _verdict(page: Document, answer: Figures) -> None:
     total, before = answer["total"], answer["before"]["name"]
     currency, running = answer["currency"], answer["running"]
     page.heading("Verdict")
-    change = _change(answer["same"], answer["earlier"], "energy") if answer["fair"] else None
+    same, earlier = answer["same"] or {}, answer["earlier"] or {}
+    change = _ratio(same.get("energy"), earlier.get("energy")) if answer["fair"] else None
     until = f" up to the same time ({running.replace('T', ' ')[:16]})" if running else ""
     if change is not None:
         against = f"{signed_percent(change)} against {before}{until}"
@@ -139,13 +140,17 @@ def _robots(page: Document, answer: Figures) -> None:
     columns = [
         Column("robot", itemgetter("robot")),
         Column("energy", itemgetter("energy"), _kwh, "kWh", total=True),
-        Column("change", _own_change, signed_percent),
+        Column(
+            "change",
+            lambda row: _ratio(row["same"], row["before"]) if row["fair"] else None,
+            signed_percent,
+        ),
         Column("in motion", itemgetter("motion"), _kwh, "kWh", total=True),
         Column("at rest", itemgetter("hold"), _kwh, "kWh", total=True),
         Column("standby", itemgetter("standby"), _kwh, "kWh", total=True),
         Column("friction", itemgetter("friction"), _kwh, "kWh", total=True),
         Column("measured", itemgetter("measured"), _kwh, "kWh"),
-        Column("error", _error, signed_percent),
+        Column("error", lambda row: _ratio(row["at_meter"], row["measured"]), signed_percent),
         Column("peak", itemgetter("peak"), fixed(0), "W"),
         Column("observed", lambda row: row["observed"] / 3600.0, fixed(1), "h", total=True),
     ]
@@ -276,18 +281,6 @@ def _kwh(joule: float | None) -> str:
 
 def _ratio(now: float | None, before: float | None) -> float | None:
     return now / before - 1.0 if now is not None and before else None
-
-
-def _change(now: Figures | None, before: Figures | None, name: str) -> float | None:
-    return _ratio((now or {}).get(name), (before or {}).get(name))
-
-
-def _own_change(row: Figures) -> float | None:
-    return _ratio(row["same"], row["before"]) if row["fair"] else None
-
-
-def _error(row: Figures) -> float | None:
-    return _ratio(row["at_meter"], row["measured"])
 
 
 def _observed(answer: Figures) -> str:

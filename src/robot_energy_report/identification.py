@@ -57,6 +57,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
     unit = report.torque_unit
     falling = [fit for fit in report.axes if fit.stribeck is not None][:1]
     loaded = [fit for fit in report.axes if fit.load is not None][:1]
+    bent = [fit for fit in report.axes if fit.exponent is not None][:1]
     page.rows(
         "Friction over motor temperature, "
         + ("as logged" if report.effort == "log" else "motor side"),
@@ -66,6 +67,7 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
             *(Column("Stribeck", _stribeck, unit=unit) for _ in falling),
             *(Column("of the load", _by_load) for _ in loaded),
+            *(Column("exponent", _exponent) for _ in bent),
             Column("fitted at", _fitted_at),
         ],
         report.axes,
@@ -153,6 +155,13 @@ def _by_load(fit: FrictionFit) -> str | None:
     share, std, saturation = fit.load
     text = f"{100.0 * share:.1f} +- {100.0 * std:.1f} %"
     return f"{text}, up to {saturation:.3g} N m" if np.isfinite(saturation) else text
+
+
+def _exponent(fit: FrictionFit) -> str | None:
+    if fit.exponent is None:
+        return None
+    exponent, std, velocity = fit.exponent
+    return f"{uncertain(exponent, std)}, from {velocity:.3g} rad/s"
 
 
 def _fitted_at(fit: FrictionFit) -> str | None:

@@ -24,7 +24,7 @@ from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain, Use
 from robot_energy_plan.optimization.measures import Optimum, optimise
 from robot_energy_plan.optimization.plan import CostTable, CyclePlan
 from robot_energy_plan.optimization.search import cheapest
-from robot_energy_plan.optimization.task import Task, make_task
+from robot_energy_plan.optimization.task import ProgramMoves, Task, make_task
 from robot_energy_rig import RigConfig, random_profile
 from robot_energy_studies.band_coverage import BODY, DrawnRig, Recorded
 from robot_energy_studies.judged_savings import (
@@ -118,10 +118,13 @@ def task_of(
         program.override * program.speed_share,
         program.override**2 * program.acceleration_share,
     )
-    return make_task(
-        chain, PtpMoves.of_program(program, limits), base, program.dwell.copy(), program.via,
-        cycle_time=cycle_time,
-    )  # fmt: skip
+    work = ProgramMoves(
+        moves=PtpMoves.of_program(program, limits),
+        base=base,
+        needed=program.dwell.copy(),
+        joint_position=program.via,
+    )
+    return make_task(chain, work, cycle_time=cycle_time)
 
 
 def run_as(task: Task, plan: CyclePlan, program: Program, limits: MotionLimits) -> Program:

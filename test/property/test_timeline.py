@@ -75,14 +75,14 @@ def test_epochs_order_and_gaps_do_not_depend_on_the_cutting(seed, bounds, reach,
         )
         order, last, taken, segments = StampOrder(max_gap), None, [], []
         for runs in [*map(splitter.step, parts), splitter.flush()]:
-            for one in runs:
-                last = None if one.new_epoch else last
-                if not len(one.block):
+            for found, run in runs:
+                last = None if run.new_epoch else last
+                if not len(found):
                     continue
-                fresh, again = newer(one.block.stamp_ns, last)
-                assert not (one.rising and (again.any() or not fresh.all()))
+                fresh, again = newer(found.stamp_ns, last)
+                assert not (run.rising and (again.any() or not fresh.all()))
                 log.update(again=int(again.sum()), older=int((~fresh & ~again).sum()))
-                new = one.block[fresh]
+                new = found[fresh]
                 if len(new):
                     last = int(new.stamp_ns[-1])
                     taken += new.number.tolist()

@@ -34,6 +34,11 @@ def test_friction_torque():
     assert physics.friction_torque(10.0, 0.5, 0.01, smooth_velocity=10.0) == pytest.approx(
         0.5 * np.tanh(1) + 0.1
     )
+    # exponent 1/2, nothing changed at 25 rad/s: 25 sqrt(100 / 25) = 50, 25 sqrt(4 / 25) = 10
+    bent = physics.friction_torque(
+        [100.0, -4.0, 0.0], 0.5, 0.01, viscous_exponent=0.5, exponent_velocity=25.0
+    )
+    assert bent == pytest.approx([0.5 + 0.5, -0.5 - 0.1, 0.0])
     still = physics.friction_torque([1e-4, 5.0], 0.5, 0.0, standing=np.array([True, False]))
     assert still.tolist() == [0.0, 0.5]
 

@@ -21,7 +21,7 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
         load_curve meter_checks meter_response plain_text power_curve record record_repair registers
-        sample_counts settings totals
+        sample_counts totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
@@ -66,17 +66,17 @@ MODULES = {
         payload schema
     """,
     "robot_energy.physics": """
-         cabinet counterbalance derivative drive drivetrain effort effort_check
-         electrical_power equations friction hold_torque motor_heat pinocchio_model
-         plausibility rigid_body torque_limits
-     """,
+        cabinet counterbalance derivative drive drivetrain effort effort_check
+        electrical_power equations friction hold_torque motor_heat pinocchio_model
+        plausibility rigid_body torque_limits
+    """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
     """,
     "robot_energy.pipeline": """
-         energy_pipeline friction_stage friction_timeline online_monitor power_stage
-         settings torque_stage work_sums
-     """,
+        energy_pipeline friction_stage friction_timeline online_monitor power_stage
+        settings torque_stage work_sums
+    """,
     "robot_energy.replay": """
         api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
         replay_steps replay_topics setup
@@ -100,8 +100,8 @@ MODULES = {
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
-        findings fleet_run history_tables identify joint_sums merged_friction merged_laws report
-        sisters tables wear_history workers
+        findings fleet_run history_tables identify joint_sums merged_friction
+        merged_laws options report sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
         advise claims dataset_evidence evidence speeds
@@ -117,7 +117,7 @@ MODULES = {
         savings schema spans store tariffs use
     """,
     "robot_energy_identify": """
-        bounds causes plausibility provenance run_all steps
+        bounds causes options plausibility provenance run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify identify_all
@@ -174,7 +174,7 @@ MODULES = {
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange consecutive limit_utilisation prediction shared_bus
+        bus_exchange consecutive limit_utilisation options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
@@ -259,8 +259,9 @@ LAYERS = {
         ("replay.api", "pipeline.online_monitor"),
     ),
     "robot_energy_plan": (
-        ("motion", "bus_exchange", "consecutive", "limit_utilisation"),
-        ("prediction", "optimization", "shared_bus"),
+        ("motion", "optimization.rest_states", "consecutive", "limit_utilisation"),
+        ("options",),
+        ("bus_exchange", "prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),

@@ -185,7 +185,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
                 )
             )
         if states:
-            self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
+            self._joints(sum(map(len, states)), partial(self.ingest.step, states))
 
     def deactivate(self) -> None:
         """Count and publish what still waits."""

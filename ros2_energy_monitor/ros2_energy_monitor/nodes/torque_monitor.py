@@ -74,7 +74,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
             self._flush()
             self._recording = change is Change.RECORDING
         if states := self.drain([self.joint_states, *self._further]):
-            self._joints(sum(map(len, states)), lambda: self.ingest.step(states))
+            self._joints(sum(map(len, states)), partial(self.ingest.step, states))
         if change is Change.MIXED:
             self._flush()
             self._recording = False

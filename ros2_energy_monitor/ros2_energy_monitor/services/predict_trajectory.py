@@ -60,8 +60,8 @@ def predicted(
         motion.planned(),
         degc,
         NAME,
-        max(1, request.repeat),
-        changes,
+        repeat=max(1, request.repeat),
+        payload=changes,
         max_samples=MAX_SAMPLES,
     )
     account, energy = result.account, result.account.registers

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
+from robot_energy.accounting.power_curve import MAX_POWER
 from robot_energy.accounting.record import (
     AccountRecord,
     Calibrated,
@@ -38,7 +39,6 @@ from robot_energy.accounting.registers import (
     ShaftEnergySums,
 )
 from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
-from robot_energy.accounting.settings import AccountSettings
 from robot_energy.accounting.totals import Totals
 from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
@@ -58,6 +58,26 @@ from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
 _Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
+
+
+@dataclass(frozen=True)
+class AccountSettings:
+    """How power is averaged and which meter readings count.
+
+    Attributes:
+        power_period: Averaging period of the power states; None makes no means. [s]
+        meter_max_gap: Longest time between meter readings that is bridged. [s]
+        meter_max_power: Readings that say or imply more, either way, are refused. [W]
+        meter_wraps_at: Reading at which the meter's counter starts again from zero; None:
+            it never does. [J]
+        meter_unit: Unit the meter was said to use; empty for W or J.
+    """
+
+    power_period: float | None = 0.02
+    meter_max_gap: float = 2.0
+    meter_max_power: float = MAX_POWER
+    meter_wraps_at: float | None = None
+    meter_unit: str = ""
 
 
 class EnergyAccount:

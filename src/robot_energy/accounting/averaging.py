@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.accounting.load_curve import COLUMNS
+from robot_energy.accounting.load_curve import COLUMNS, HOLD_NS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SampleIntervals
-from robot_energy.accounting.settings import HOLD_NS
 from robot_energy.certainty.band import Z90, BandKind, power_std
 from robot_energy.timeline.blocks import (
     NANOSECOND,

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
-from robot_energy.accounting.settings import HOLD_NS
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy.timeline.pieces import CoveredPieces
@@ -17,6 +16,7 @@ PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet
 STATE_WAIT_NS = 1_000_000_000  # for a state that was set but has not arrived
 UNKNOWN = -1  # number of a state that nobody has said
 MAX_KEPT = 100_000  # pieces and changes that wait for the robot
+HOLD_NS = 2_000_000_000  # a reading is the newest for so long, or for twice the time it covers [ns]
 COLUMNS = ("state", "remarks", "model_power", "measured_power", "measurement_age", "power")
 """What `LoadCurve.shown` gives of a load."""
 

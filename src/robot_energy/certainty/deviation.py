@@ -34,6 +34,7 @@ from robot_energy.model.schema import LOSS_TERMS
 from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
+from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float, Int, differences
 
@@ -126,6 +127,8 @@ class PowerDeviation:
         self._by_load = np.asarray(
             [0.0 if one is None else figure_std(one, "coulomb") for one in by_load]
         )
+        self._friction = FrictionModel.from_model(model)
+        self._exponent_velocity, self._exponent_std = _exponents(model)
         self._viscous_prior = np.asarray(
             [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
         )
@@ -210,6 +213,13 @@ class PowerDeviation:
         if np.isnan(std.sum()):
             std = np.where(np.isnan(std), self._viscous_prior * viscous, std)
             shared = np.nan_to_num(shared)
+        by_exponent: Float | None = None
+        if self._exponent_std is not None:  # fv counts by w (|w|/wq)^(q - 1), q by its logarithm
+            lever = np.abs(self._friction.viscous_velocity(motor_velocity))
+            lever = lever / np.where(speed > 0.0, speed, 1.0)
+            std, shared = std * lever, shared * lever
+            turning = np.where(speed > 0.0, speed / self._exponent_velocity, 1.0)
+            by_exponent = self._exponent_std * viscous * lever * squared * np.log(turning)
         variance = std**2
         if shared.any():
             variance -= shared**2
@@ -220,6 +230,8 @@ class PowerDeviation:
         friction *= speed
         if self._by_load.any():  # of friction by load: its share times the torque of the bodies
             np.hypot(friction, self._by_load * rigid_power, out=friction)
+        if by_exponent is not None:
+            np.hypot(friction, by_exponent, out=friction)
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
         else:
@@ -306,6 +318,16 @@ def losses_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
         }
     )
     return model.changed(joints=joints, cabinet=cabinet, covariance=None), factor[:, :-1]
+
+
+def _exponents(model: RobotModel) -> tuple[Float, Float | None]:
+    """Velocities at which viscous exponents change nothing, and deviations; None without any."""
+    bent = [joint.friction.viscous_exponent for joint in model.joints]
+    velocity = np.asarray([one.velocity.value if one else 1.0 for one in bent])
+    if not any(bent):
+        return velocity, None
+    std = [figure_std(one.exponent, "viscous_exponent") if one else 0.0 for one in bent]
+    return velocity, np.asarray(std)
 
 
 def _without_std(losses: LossDrive | None, joint: str, sure: set[str]) -> LossDrive | None:

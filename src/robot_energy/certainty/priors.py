@@ -13,6 +13,7 @@ from robot_energy.model.figure import LEAST_KNOWN, Figure, Tag
 SPREAD = {
     "coulomb": 0.6,
     "viscous": 0.6,
+    "viscous_exponent": 0.2,
     "copper": 0.6,
     "constant": 0.8,
     "linear": 0.8,

@@ -378,7 +378,7 @@ class ThermalObserver:
     def _correct_by_meter(self, torque: bool) -> None:
         """Correct all gears together by the residual of the power, where no torque determines more.
 
-        The residual of a window is ``sum(d fv/dT (T_g - estimate) integral(w^2 dt))``; errors of
+        The residual of a window is ``sum(d fv/dT (T_g - estimate) integral(w u dt))``; errors of
         the prediction itself are alike for long, so one window counts for little.
         """
         blocks, last = self._open, self._last_ns
@@ -392,7 +392,7 @@ class ThermalObserver:
             np.concatenate([block.power_at(place) for block in blocks])[rows] for place in PLACES
         ]
         phase = np.concatenate([block.phase for block in blocks])
-        squares = self._columns("motor_velocity")[rows] ** 2
+        squares = (self._columns("motor_velocity") * self._turning())[rows]
         squares[phase[rows] == Phase.GENERATING] = 0.0
         columns = np.column_stack([*power, squares])
         until = (last // WINDOW_NS + 1) * WINDOW_NS - METER_WAIT
@@ -424,18 +424,23 @@ class ThermalObserver:
         parts = [getattr(block, name)[:, self._own] for block in self._open]
         return np.asfortranarray(np.concatenate(parts))
 
+    def _turning(self) -> Float:
+        """What viscous friction is in proportion to, as `_columns`. [rad/s]"""
+        speeds = [self._friction.viscous_velocity(block.motor_velocity) for block in self._open]
+        return np.asfortranarray(np.concatenate([speed[:, self._own] for speed in speeds]))
+
     def _by_friction(
         self, elapsed: Float, used: NDArray[np.bool_], place: Int
     ) -> tuple[Float, Float]:
         """Temperature at which friction is what the torque shows, linear around the estimate.
 
-        Measured torque less all but viscous friction is ``fv w``; over the window
-        ``fv = sum(w (tau - other)) / sum(w^2)``.
+        Measured torque less all but viscous friction is ``fv u``; over the window
+        ``fv = sum(u (tau - other)) / sum(u^2)``, with u the speed w, or its power.
         """
         own, measured = self._own, self._columns("motor_torque_measured")
         rows = np.arange(len(self._x))
         now, variance = self._x[rows, place], self._covariance[rows, place, place]
-        speed = self._columns("motor_velocity")
+        speed = self._turning()
         rest = measured - self._columns("motor_torque") + self._columns("viscous") * speed
         quality = np.concatenate([block.quality for block in self._open])
         seen = np.isfinite(rest) & (self._columns("friction_power") > 0.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from typing import Annotated
 
 from pydantic import PlainSerializer
@@ -23,7 +22,7 @@ from robot_energy.condition.record import (
 )
 from robot_energy.condition.wear_records import FEATURES, MeterGatherer, MotionGatherer, WearRecord
 from robot_energy.foundation.errors import StateFileError
-from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy.foundation.time_zone import local_time
 
 WHOLE_ROBOT = ""  # name of what one power meter sees
 MAX_SURE = 0.9999  # more is not claimed
@@ -54,7 +53,7 @@ class WearAlarm:
     def sentence(self) -> str:
         """What has happened, in one sentence."""
         drift, where = self.drift, self.joint or "the whole robot"
-        since = datetime.fromtimestamp((drift.since_ns or 0) * NANOSECOND, UTC)
+        since = local_time(drift.since_ns or 0)
         size = f"{100 * abs(drift.size):.1f} +- {100 * drift.std:.1f} %"
         level = "above" if drift.size > 0 else "below"
         what = "fell, as after re-greasing or running in," if drift.fell else "rose"

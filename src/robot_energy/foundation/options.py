@@ -56,13 +56,15 @@ class Option:
         """What a value must be, in words."""
         if self.choices:
             return f"one of {', '.join(map(str, self.choices))}"
-        return f"number from {self.low:g} to {self.high:g}"
+        return f"a number from {self.low:g} to {self.high:g}"
 
     def check(self, name: str, value: object, verb: str) -> None:
         """Refuse a value that makes no sense."""
-        fits = value in self.choices if self.choices else True
+        several = self.several and not isinstance(value, str)
+        values = cast("Collection[object]", value) if several else (value,)
+        fits = not self.choices or all(one in self.choices for one in values)
         if self.unit and not self.choices:
-            fits = isinstance(value, Real) and not isinstance(value, bool)
+            fits = not isinstance(value, bool) and isinstance(value, Real)
             fits = fits and self.low <= cast("float", value) <= self.high
             fits = fits and (self.unit != "1" or value == int(cast("float", value)))
         if not fits:
@@ -85,7 +87,7 @@ def options_of(options: type) -> dict[str, Option]:
     }
 
 
-def described(kind: Class) -> Class:
+def documented(kind: Class) -> Class:
     """Return a class, its docstring with what its annotations say, for help and pages."""
     lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
     if lines and kind.__doc__:
@@ -100,7 +102,7 @@ def texts_of(kind: type) -> Iterator[tuple[str, str]]:
             yield name, text
 
 
-def takes(options: type, without: Collection[str] = ()) -> Callable[[Verb], Verb]:
+def takes(options: type) -> Callable[[Verb], Verb]:
     """Return a decorator that shows the options of a verb in place of ``**options``.
 
     The verb refuses an option that it does not show, as an `OptionError`, and a value that makes
@@ -108,7 +110,6 @@ def takes(options: type, without: Collection[str] = ()) -> Callable[[Verb], Verb
 
     Args:
         options: The TypedDict.
-        without: Options that the verb does not have.
     """
     kinds, checks = inspect.get_annotations(options), options_of(options)
     shared = [
@@ -119,7 +120,6 @@ def takes(options: type, without: Collection[str] = ()) -> Callable[[Verb], Verb
             annotation=getattr(kind.__origin__, "__forward_arg__", kind.__origin__),
         )
         for name, kind in kinds.items()
-        if name not in without
     ]
 
     def shown(verb: Verb) -> Verb:

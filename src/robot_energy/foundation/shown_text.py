@@ -18,14 +18,12 @@ def shown(text: str, limit: int = MAX_SHOWN) -> str:
     part = text[: limit + 1]
     safe = part
     if not part.isprintable():
-        safe = "".join(c if c.isprintable() else _escape(c) for c in part)
+        safe = "".join(
+            c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in part
+        )
     return safe if len(safe) <= limit and len(part) == len(text) else safe[: limit - 3] + "..."
 
 
 def shown_lines(text: str) -> str:
     """Return a text of our own that quotes others, with its own line ends, safe to show."""
     return "\n".join(shown(part, MAX_LINE) for part in text.split("\n"))
-
-
-def _escape(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")

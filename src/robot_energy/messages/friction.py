@@ -12,9 +12,9 @@ from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, FrictionBlock, TemperatureOrigin
-from robot_energy.timeline.epochs import slow_reach
+from robot_energy.timeline.epochs import EpochRun, slow_reach
 from robot_energy.timeline.stamps import valid_stamps
-from robot_energy.timeline.streams import StreamRun, joined
+from robot_energy.timeline.streams import joined
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
 ARRAYS = (
@@ -97,7 +97,7 @@ class FrictionReader(ModelMessageReader[FrictionBlock]):
         return block, valid_stamps(block.stamp_ns) & valid_stamps(seen).all(axis=1)
 
     def _taken(
-        self, first: FrictionBlock | None, runs: list[StreamRun[FrictionBlock]]
+        self, first: FrictionBlock | None, runs: list[tuple[FrictionBlock, EpochRun]]
     ) -> FrictionBlock | None:
         """Bring the account up to date."""
         found = [block for block in (first, joined(runs)) if block is not None and len(block)]

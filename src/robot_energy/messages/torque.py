@@ -14,9 +14,9 @@ from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.fields import FRAME, RECORDING
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
-from robot_energy.timeline.epochs import Reach
+from robot_energy.timeline.epochs import EpochRun, Reach
 from robot_energy.timeline.stamps import BY_PERIOD, StampOrder, newer, valid_stamps
-from robot_energy.timeline.streams import OLDER, StreamRun
+from robot_energy.timeline.streams import OLDER
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (
@@ -110,16 +110,16 @@ class TorqueReader(ModelMessageReader[TorqueBlock]):
         )
         return block, valid_stamps(block.stamp_ns)
 
-    def _taken(self, runs: list[StreamRun[TorqueBlock]]) -> TorqueBlock | None:
+    def _taken(self, runs: list[tuple[TorqueBlock, EpochRun]]) -> TorqueBlock | None:
         """Bring the account up to date and number the segments."""
         self.rejections.waiting = self._stream.waiting
         parts: list[TorqueBlock] = []
-        for run in runs:
-            fresh, again = newer(run.block.stamp_ns, None if run.new_epoch else self._newest_ns)
+        for block, run in runs:
+            fresh, again = newer(block.stamp_ns, None if run.new_epoch else self._newest_ns)
             self.rejections.reject("duplicate_stamp", int(again.sum()))
             self.rejections.reject(OLDER, int((~fresh & ~again).sum()))
             if bool(fresh.any()):
-                parts.append(run.block[fresh])
+                parts.append(block[fresh])
                 self._newest_ns = int(parts[-1].stamp_ns[-1])
         if not parts:
             return None

@@ -31,6 +31,25 @@ class Stribeck(ModelEntry):
     exponent: Annotated[Number, Field(gt=0)] = 2.0
 
 
+class ViscousExponent(ModelEntry):
+    """Viscous friction by a power of the speed, ``fv(T) velocity sgn(w) (|w|/velocity)^exponent``.
+
+    Attributes:
+        exponent: Less than 1 where friction grows ever more slowly; > 0. [-]
+        velocity: At which the exponent changes nothing, > 0, motor side. [rad/s]
+    """
+
+    exponent: PositiveFigure
+    velocity: PositiveFigure
+
+    @model_validator(mode="after")
+    def _check(self) -> ViscousExponent:
+        for key in ("exponent", "velocity"):
+            if not getattr(self, key).value > 0.0:
+                raise ValueError(f"{key} must be > 0, found {getattr(self, key).value}")
+        return self
+
+
 class JointFriction(ModelEntry):
     """Friction of one axis, motor side (paper A, eq. 3 and 8).
 
@@ -41,6 +60,7 @@ class JointFriction(ModelEntry):
         stribeck: Optional Stribeck term.
         load_coulomb: Optional Coulomb torque per rigid motor torque. [-]
         load_saturation: Rigid motor torque beyond which that rises no further; absent: none. [N m]
+        viscous_exponent: Optional power of the speed in viscous friction; absent: the first.
     """
 
     coulomb: PositiveFigure
@@ -49,11 +69,12 @@ class JointFriction(ModelEntry):
     stribeck: Stribeck | None = None
     load_coulomb: PositiveFigure | None = None
     load_saturation: PositiveFigure | None = None
+    viscous_exponent: ViscousExponent | None = None
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out a key that came later, as `Joint` does."""
-        return without_absent(dump(self), "load_saturation")
+        return without_absent(dump(self), "load_saturation", "viscous_exponent")
 
 
 class JointThermal(ModelEntry):

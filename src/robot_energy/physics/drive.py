@@ -143,6 +143,15 @@ class LossMaps:
             tuple(np.asarray(part) for part in (one.motor_velocity, one.motor_torque, one.loss))
             for one in entries
         ]
+        # Rises of the last cells beyond the knots, no more than where the other axis is higher: or
+        # losses would fall along that axis out there.
+        self._beyond = [
+            tuple(
+                np.minimum.accumulate(rises[::-1])[::-1]
+                for rises in (loss[-1] - loss[-2], loss[:, -1] - loss[:, -2])
+            )
+            for _, _, loss in self._maps
+        ]
         self._alpha = [entry.copper_temperature_coefficient.value for entry in entries]
 
     def input_power(
@@ -158,6 +167,7 @@ class LossMaps:
         """
         power, extrapolated = shaft_power.copy(), np.zeros(shaft_power.shape, dtype=np.bool_)
         for joint, (speeds, loads, loss) in enumerate(self._maps):
+            faster, heavier = self._beyond[joint]
             speed = np.abs(motor_velocity[:, joint])
             degc = motor_temperature_degc[:, joint]
             load = equal_heat_torque(motor_torque[:, joint], degc, self._alpha[joint])
@@ -166,11 +176,10 @@ class LossMaps:
             low, high = loss[i, j], loss[i + 1, j]
             inside_x, inside_y = np.minimum(x, 1.0), np.minimum(y, 1.0)
             by_speed = high - low + inside_y * (loss[i + 1, j + 1] - high - loss[i, j + 1] + low)
-            by_load = loss[i, j + 1] - low
-            by_load += inside_x * (loss[i + 1, j + 1] - high - by_load)
-            # where both are inside, x by_speed + y (L01 - L00) is the bilinear form
-            power[:, joint] += low + x * by_speed + inside_y * (loss[i, j + 1] - low)
-            power[:, joint] += (y - inside_y) * by_load
+            power[:, joint] += low + inside_x * by_speed + inside_y * (loss[i, j + 1] - low)
+            along_speed = faster[j] + inside_y * (faster[j + 1] - faster[j])
+            along_load = heavier[i] + inside_x * (heavier[i + 1] - heavier[i])
+            power[:, joint] += (x - inside_x) * along_speed + (y - inside_y) * along_load
             extrapolated[:, joint] = outside
         return power, extrapolated
 

@@ -140,12 +140,15 @@ def friction_torque(
     stribeck_velocity: ArrayLike = 1.0,
     stribeck_exponent: ArrayLike = 1.0,
     smooth_velocity: ArrayLike = 0.0,
+    viscous_exponent: ArrayLike = 1.0,
+    exponent_velocity: ArrayLike = 1.0,
     standing: NDArray[np.bool_] | None = None,
 ) -> Float:
     """Return the torque that the drive must add against friction.
 
     ``(fc + load min(|tau|, taus) + fs exp(-(|w| / ws)^p)) sgn(w) + fv w`` (paper A, eq. 3); with
-    a smooth velocity ``w0 > 0`` the sign is ``tanh(w / w0)``. Optional terms are off by default.
+    a smooth velocity ``w0 > 0`` the sign is ``tanh(w / w0)``, with a viscous exponent w in the last
+    term is `viscous_velocity`. Optional terms are off by default.
 
     Args:
         motor_velocity: w, shape (..., n). [rad/s]
@@ -158,6 +161,8 @@ def friction_torque(
         stribeck_velocity: ws, shape (n,). [rad/s]
         stribeck_exponent: p, shape (n,). [-]
         smooth_velocity: w0, shape (n,); 0 for the sharp sign. [rad/s]
+        viscous_exponent: q, shape (n,); 1 for friction in proportion to speed. [-]
+        exponent_velocity: wq, at which it changes nothing, shape (n,). [rad/s]
         standing: Where the axis stands still: the torque is 0 there, shape (..., n).
 
     Returns:
@@ -179,8 +184,30 @@ def friction_torque(
         with np.errstate(divide="ignore", invalid="ignore"):
             smooth = _float(smooth_velocity)
             sign = np.where(smooth > 0, np.tanh(speed / smooth), sign)
+    if np.any(_float(viscous_exponent) != 1.0):
+        speed = viscous_velocity(speed, viscous_exponent, exponent_velocity)
     torque = constant * sign + _float(viscous) * speed
     return torque if standing is None else np.where(standing, 0.0, torque)
+
+
+def viscous_velocity(
+    motor_velocity: ArrayLike, exponent: ArrayLike, exponent_velocity: ArrayLike
+) -> Float:
+    """Return what viscous friction is in proportion to, ``wq sgn(w) (|w| / wq)^q``.
+
+    A lubricant film drags with less than the first power of its speed, as the speed torque of a
+    rolling bearing does, with ``(viscosity speed)^(2/3)`` (Palmgren).
+
+    Args:
+        motor_velocity: w, shape (..., n). [rad/s]
+        exponent: q > 0, shape (n,). [-]
+        exponent_velocity: wq > 0, at which it is w, shape (n,). [rad/s]
+
+    Returns:
+        Same shape as ``motor_velocity``, with its sign. [rad/s]
+    """
+    speed, unit = _float(motor_velocity), _float(exponent_velocity)
+    return unit * np.sign(speed) * (np.abs(speed) / unit) ** _float(exponent)
 
 
 def shaft_power(motor_torque: ArrayLike, motor_velocity: ArrayLike) -> Float:

@@ -4,8 +4,9 @@
 does not depend on temperature, viscous friction does. Friction torque is what the
 drive must add, so it has the sign of the velocity and its power is never negative.
 
-Optional terms, off unless the model file has them: the smooth sign ``tanh(w/w0)``,
-a Stribeck term and Coulomb friction that grows with the load, up to a saturation or without.
+Optional terms, off unless the model file has them: the smooth sign ``tanh(w/w0)``, a Stribeck
+term, Coulomb friction that grows with the load, up to a saturation or without, and a viscous
+exponent.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from robot_energy.physics.equations import (
     exponential_viscous,
     friction_torque,
     table_curve,
+    viscous_velocity,
 )
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
 
@@ -222,6 +224,11 @@ class FrictionModel:
             self._terms["load_saturation"] = np.asarray(
                 [one.value if one else np.inf for one in limits]
             )
+        bent = [entry.viscous_exponent for entry in entries]
+        if any(bent):
+            self._terms["viscous_exponent"], self._terms["exponent_velocity"] = np.asarray(
+                [(one.exponent.value, one.velocity.value) if one else (1.0, 1.0) for one in bent]
+            ).T
         self._stribeck_velocity = np.asarray([s.velocity.value if s else 1.0 for s in stribeck])
         self._stribeck_exponent = np.asarray([s.exponent if s else 1.0 for s in stribeck])
 
@@ -265,6 +272,17 @@ class FrictionModel:
         """
         below = motor_temperature_degc < self._lower_degc
         return below | (motor_temperature_degc > self._upper_degc)
+
+    def viscous_velocity(self, motor_velocity: Float) -> Float:
+        """Return what viscous friction is in proportion to: w without a viscous exponent. [rad/s]
+
+        Args:
+            motor_velocity: w, shape (N, n). [rad/s]
+        """
+        if "viscous_exponent" not in self._terms:
+            return motor_velocity
+        bent = self._terms["viscous_exponent"], self._terms["exponent_velocity"]
+        return viscous_velocity(motor_velocity, *bent)
 
     def torque(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from robot_energy.accounting.settings import AccountSettings
+from robot_energy.accounting.account import AccountSettings
 from robot_energy.timeline.blocks import EffortMeaning, Learning
 from robot_energy.timeline.stamps import BY_PERIOD
 

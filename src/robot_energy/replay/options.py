@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
-from robot_energy.foundation.options import Option, described
+from robot_energy.foundation.options import Option, documented
 
 if TYPE_CHECKING:
     from robot_energy.condition.learner import ConditionRecord
@@ -16,8 +16,17 @@ LATEST = 1e6  # of a time that is waited for or bridged [s]
 
 
 # fmt: off
-@described
-class ReplayOptions(TypedDict, total=False):
+class PartOptions(TypedDict, total=False):
+    """Which part of a bag is read; all of it where nothing is said."""
+
+    start: Annotated[float | None, Option(
+        "read the bag from here on: seconds after its start, negative: before its end",
+        unit="s", group=PART)]
+    end: Annotated[float | None, Option(
+        "read the bag up to here, counted in the same way", unit="s", group=PART)]
+
+
+class ReadOptions(PartOptions, total=False):
     """What is read and how; all may be left out."""
 
     robot: Annotated[str | None, Option(
@@ -44,11 +53,6 @@ class ReplayOptions(TypedDict, total=False):
         "is not used)",
         value="MEANING", choices=(NONE, "motor_current", "motor_torque", "joint_torque"),
         group=TOPICS)]
-    start: Annotated[float | None, Option(
-        "read the bag from here on: seconds after its start, negative: before its end",
-        unit="s", group=PART)]
-    end: Annotated[float | None, Option(
-        "read the bag up to here, counted in the same way", unit="s", group=PART)]
     derivative_window: Annotated[float | None, Option(
         "length of the window over which acceleration is estimated (default 0.02 s); 2.5 times as "
         "long where the messages have no velocities",
@@ -73,8 +77,6 @@ class ReplayOptions(TypedDict, total=False):
     meter_max_gap: Annotated[float | None, Option(
         "longest time between meter readings that is bridged (default: what --inputs says, else "
         "2 s)", unit="s", low=1e-6, high=LATEST, group=SETTINGS)]
-    learned: Annotated["ConditionRecord | None",
-        "What an earlier recording has taught, the `state` of its learner."]
     jobs: Annotated[str | Path | None, Option(
         "count the energy of jobs or cycles: a YAML file with jobs: [{name, begin, end}], in "
         "seconds since 1970 as the stamps of the recording", value="FILE", group=COUNTED)]
@@ -82,6 +84,13 @@ class ReplayOptions(TypedDict, total=False):
         "2: one process reads the bag and computes torque, another counts energy; 3: reading and "
         "torque run in two processes as well; the figures are the same (default 1)",
         choices=(1, 2, 3), default=1, group=COUNTED)]
+
+@documented
+class ReplayOptions(ReadOptions, total=False):
+    """What is read, how, and what is written; all may be left out."""
+
+    learned: Annotated["ConditionRecord | None",
+        "What an earlier recording has taught, the `state` of its learner."]
     out: Annotated[str | Path | None, Option(
         "write the energy topics (/energy/...) into a new bag", value="BAG", group=OUTPUTS)]
     overwrite: Annotated[bool, Option("replace the bag of --out", default=False, group=OUTPUTS)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +14,7 @@ from robot_energy.accounting.plain_text import MAX_NAME, require_plain_text
 from robot_energy.accounting.record import EnergyInterval
 from robot_energy.foundation.config_file import load
 from robot_energy.foundation.errors import RegisterError
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model.figure import ModelEntry
 from robot_energy.timeline.blocks import Int
@@ -157,4 +157,4 @@ class RecordedJobs:
 
 
 def _utc(stamp_ns: int) -> str:
-    return f"{datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    return f"{local_time(stamp_ns):%Y-%m-%d %H:%M:%S} UTC"

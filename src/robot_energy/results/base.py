@@ -5,7 +5,6 @@ The annotation of a field says what it is: ``Annotated[float, "Drawn from the gr
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -17,6 +16,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from robot_energy import __version__
+from robot_energy.foundation.options import documented
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 
@@ -52,13 +52,8 @@ class Result(Shown):
         Args:
             name: Of the JSON document; empty for a part of one.
         """
-        known = inspect.get_annotations(cls)
-        texts = {key: getattr(kind, "__metadata__", ("",))[0] for key, kind in known.items()}
-        described = "".join(f"\n    {key}: {text}" for key, text in texts.items() if text)
-        if described and cls.__doc__:
-            cls.__doc__ += f"\n\nAttributes:{described}"
         cls.NAME = name
-        dataclass(frozen=True)(cls)
+        dataclass(frozen=True)(documented(cls))
         if name:  # all figures of a document fill a page
             cls.__repr__ = Result.__repr__
 

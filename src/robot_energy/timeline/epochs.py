@@ -73,12 +73,14 @@ class EpochRun:
         restless: Whether they did so within a second after another jump, as they do when
             two clocks take turns.
         rising: Whether it is known that each stamp is newer than all before.
+        first_ns: Stamp of the first of them that arrived, once their blocks are known. [ns]
     """
 
     rows: list[int] | None = field(default_factory=list[int])
     new_epoch: bool = False
     restless: bool = False
     rising: bool = False
+    first_ns: int = 0
 
 
 @dataclass(frozen=True)

@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, Block, Int
-from robot_energy.timeline.epochs import SLOW_NS, STRAY_STAMP, EpochSplitter, Reach, Sorted
+from robot_energy.timeline.epochs import (
+    SLOW_NS,
+    STRAY_STAMP,
+    EpochRun,
+    EpochSplitter,
+    Reach,
+    Sorted,
+)
 
 OLDER = "older_stamp"  # the reason under which messages that come too late are counted
 B = TypeVar("B", bound=Block)
-
-
-@dataclass(frozen=True)
-class StreamRun(Generic[B]):
-    """Messages that belong together.
-
-    Attributes:
-        new_epoch: Whether the stamps jumped back before them.
-        restless: Whether they did so within a second after another jump, as they do when
-            two clocks take turns.
-        rising: Whether it is known that each stamp is newer than all before.
-        first_ns: Stamp of the first of them that arrived. [ns]
-    """
-
-    block: B
-    new_epoch: bool
-    restless: bool
-    rising: bool
-    first_ns: int
 
 
 class ReorderBuffer(Generic[B]):
@@ -134,8 +121,8 @@ class StreamSplitter(Generic[B]):
         """Messages that wait for later ones."""
         return sum(len(each) for each in (self.held, self.order.held) if each is not None)
 
-    def step(self, block: B, arrival_ns: int | None = None) -> list[StreamRun[B]]:
-        """Return the messages that are known to belong to their epoch; often one run.
+    def step(self, block: B, arrival_ns: int | None = None) -> list[tuple[B, EpochRun]]:
+        """Return the messages that are known to belong to their epoch, run by run; often one.
 
         Args:
             arrival_ns: When the last of them was received; None where it does not matter. [ns]
@@ -148,7 +135,7 @@ class StreamSplitter(Generic[B]):
             block = type(block).concatenate([self.held, block])
         return self._taken(block, found)
 
-    def flush(self) -> list[StreamRun[B]]:
+    def flush(self) -> list[tuple[B, EpochRun]]:
         """Return what still waits and is not an outlier."""
         held, found = self.held, self.epochs.flush()
         self.held = self.refused = None
@@ -161,30 +148,30 @@ class StreamSplitter(Generic[B]):
         self.epochs.restart()
         self.order.restart()
 
-    def _taken(self, block: B, found: Sorted) -> list[StreamRun[B]]:
+    def _taken(self, block: B, found: Sorted) -> list[tuple[B, EpochRun]]:
         self.refused = block[np.asarray(found.strays, dtype=np.int64)] if found.strays else None
         self.held = block[np.asarray(found.held, dtype=np.int64)] if found.held else None
         self._reject(STRAY_STAMP, len(found.strays))
-        runs: list[StreamRun[B]] = []
+        runs: list[tuple[B, EpochRun]] = []
         for run in found.runs:
             arrived = block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)]
             if run.new_epoch:
                 runs += self._end_of_epoch()
             ordered = self.order.step(arrived) if self.order.window_ns else arrived
-            rising = run.rising and ordered is arrived
-            first_ns = int(arrived.stamp_ns[0])
-            runs.append(StreamRun(ordered, run.new_epoch, run.restless, rising, first_ns))
+            run.rising &= ordered is arrived
+            run.first_ns = int(arrived.stamp_ns[0])
+            runs.append((ordered, run))
         return runs
 
-    def _end_of_epoch(self) -> list[StreamRun[B]]:
+    def _end_of_epoch(self) -> list[tuple[B, EpochRun]]:
         """Return what waits for its place within the epoch that ends."""
         late = self.order.flush()
-        return [] if late is None else [StreamRun(late, False, False, False, int(late.stamp_ns[0]))]
+        return [] if late is None else [(late, EpochRun())]
 
 
-def joined(runs: Sequence[StreamRun[B]]) -> B | None:
+def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
-    blocks = [run.block for run in runs if len(run.block)]
+    blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
 
 

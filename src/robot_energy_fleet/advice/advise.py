@@ -38,8 +38,9 @@ from robot_energy_fleet.advice.dataset_evidence import (
 from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy_fleet.advice.speeds import speeds
 from robot_energy_fleet.history_tables import is_history
+from robot_energy_fleet.options import AdviseOptions
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
-from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
+from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_report.formats import percent
 from robot_energy_report.repeats import given_once, overlaps
 
@@ -83,34 +84,18 @@ class AdviceResult(Shown):
         return self.report.to_dict()
 
 
-@takes(ReplayOptions)
+@takes(AdviseOptions)
 def advise(
     recordings: str | Path | Sequence[str | Path],
     model: ModelName,
-    *,
-    rest_states: Sequence[RestState] | None = None,
-    price: float | None = None,
-    currency: str = "EUR",
-    co2: float | None = None,
-    hours_per_day: float | None = None,
-    days_per_year: float | None = None,
-    look_at_speeds: bool = True,
-    **options: Unpack[ReplayOptions],
+    **options: Unpack[AdviseOptions],
 ) -> AdviceResult:
     """Return a ranked list of what would save energy, from recordings alone.
 
     Args:
         recordings: Bags of one robot model, or the folder of a dataset of a fleet or of a history.
         model: A model, its file, or the name of a shipped one.
-        rest_states: Standby, hibernation and brakes of this robot; None: assumed figures.
-        price: Of energy; None for no cost. [currency/kWh]
-        currency: Of the price.
-        co2: Emission factor; None for no emission. [kg/kWh]
-        hours_per_day: Of such work in a day by all robots together; None: as recorded where the
-            recordings span a day, else no saving a year is stated. [h]
-        days_per_year: With such work; None: all where the recordings span a week, likewise. [1]
-        look_at_speeds: Whether other speeds are looked for, which takes longest.
-        **options: How bags are read: see `ReplayOptions`.
+        **options: What savings are reckoned from: see `AdviseOptions`.
 
     Raises:
         ParameterError: If a figure makes no sense.
@@ -119,12 +104,6 @@ def advise(
     used = model_of(model)
     named = str(model) if isinstance(model, str | Path) else used.source
     paths = [recordings] if isinstance(recordings, str | Path) else list(recordings)
-    for name, value, most in (
-        ("price", price, 1e6), ("CO2 factor", co2, 100.0), ("hours per day", hours_per_day, 1e6),
-        ("days per year", days_per_year, 366.0),
-    ):  # fmt: skip
-        if value is not None and not 0 <= value <= most:
-            raise ParameterError(f"the {name} is {value}", f"0 to {most:g}")
     if not paths:
         raise ParameterError("no recording was named", "bags, or a dataset")
     places = [Path(path).resolve() for path in paths]
@@ -133,7 +112,7 @@ def advise(
     problems: list[str] = []
     if len(paths) == 1 and (any(Path(paths[0]).glob("robot=*")) or is_history(paths[0])):
         evidence, sampled = dataset_evidence(paths[0], used, options)
-        fine = _sampled(sampled, evidence, used, named, look_at_speeds, problems, options)
+        fine = _sampled(sampled, evidence, used, named, problems, options)
     else:
         each = [_recorded(path, used, problems, options) for path in paths]
         names = [str(path) for path in paths]
@@ -147,18 +126,18 @@ def advise(
         moving = [row for row, one in enumerate(each) if not math.isnan(one.mean_degc)]
         coldest = min(moving, key=lambda row: each[row].mean_degc, default=0)
         fine = _fine(names[coldest], evidence, used, named)
-        if look_at_speeds:
+        if options.get("look_at_speeds", True):
             fine["speeds"] = _speeds(names, each, used, named, options)
             evidence.notes += [
                 note for one in each for note in one.notes if note not in evidence.notes
             ]
-    states = ASSUMED if rest_states is None else tuple(rest_states)
+    states = options.get("rest_states")
     claims = {
-        "standby": standby(evidence, used, states, rest_states is None),
+        "standby": standby(evidence, used, read_rest_states(states or ASSUMED), states is None),
         "regenerative": regenerative(evidence, used),
         **fine,
     }
-    basis = _basis(evidence, price, currency, co2, hours_per_day, days_per_year)
+    basis = _basis(evidence, options)
     least, small = MIN_SAVING * evidence.grid_energy, percent(MIN_SAVING, digits=2)
     without = [
         ABSENT[name] if one is None else f"{LABELS[name]}: less than {small} of the energy"
@@ -229,7 +208,6 @@ def _sampled(
     whole: RecordedEvidence,
     model: RobotModel,
     named: str,
-    look_at_speeds: bool,
     problems: list[str],
     options: ReplayOptions,
 ) -> dict[str, Claim | None]:
@@ -241,7 +219,7 @@ def _sampled(
         try:
             own = _recorded(bag.address, model, problems, given)
             fine = _fine(bag.address, own, model, named)
-            if look_at_speeds:
+            if options.get("look_at_speeds", True):
                 fine["speeds"] = speeds(bag.address, own, model, given, named)
             found.append(fine)
         except RobotEnergyError as error:
@@ -282,11 +260,7 @@ def _content(evidence: RecordedEvidence) -> tuple[object, ...]:
 
 def _basis(
     evidence: RecordedEvidence,
-    price: float | None,
-    currency: str,
-    co2: float | None,
-    hours_per_day: float | None,
-    days_per_year: float | None,
+    options: AdviseOptions,
 ) -> AdviceBasis:
     span = 0.0
     if evidence.start_ns is not None and evidence.end_ns is not None:
@@ -294,7 +268,7 @@ def _basis(
     recorded = evidence.observed_time
     rests = f"rests of {MIN_REST:g} s and more" if evidence.fine else "rests"
     parts = [f"at work is all but {rests}", f"{recorded / 3600:.3g} h were recorded"]
-    hours = hours_per_day
+    hours = options.get("hours_per_day")
     if hours is not None:
         parts.append(f"{hours:g} h of such work a day, as given")
     elif span >= DAY:
@@ -302,7 +276,7 @@ def _basis(
         parts.append(f"{hours:.3g} h a day, as recorded over {span / DAY:.3g} days")
     else:
         parts.append("hours of such work a day: not known, give --hours-per-day")
-    days = days_per_year
+    days = options.get("days_per_year")
     if days is not None:
         parts.append(f"{days:g} days a year, as given")
     elif span >= 7 * DAY:
@@ -313,8 +287,8 @@ def _basis(
     parts.append("bands say how sure the model is, not how typical the recordings are")
     duty = 1.0 - evidence.rest_time / recorded if recorded > 0 else math.nan
     return AdviceBasis(
-        evidence.recordings, recorded, evidence.grid_energy, hours, days, duty, price, currency,
-        co2, "; ".join(parts),
+        evidence.recordings, recorded, evidence.grid_energy, hours, days, duty,
+        options.get("price"), options.get("currency", "EUR"), options.get("co2"), "; ".join(parts),
     )  # fmt: skip
 
 

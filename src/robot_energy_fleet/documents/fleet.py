@@ -185,7 +185,11 @@ def _findings(report: FleetReport, page: Document) -> None:
                 Column("cause", lambda one: CAUSES[one.kind]),
                 Column("of", lambda one: one.subject or None),
                 Column("size", _size),
-                Column("certainty", _sure),
+                Column(
+                    "certainty",
+                    "certainty",
+                    lambda sure: "> 99.99 %" if sure > 0.9999 else percent(sure, digits=2),
+                ),
                 Column("since, UTC", lambda one: utc(one.since_ns, "%F")),
             ],
             report.findings,
@@ -205,10 +209,6 @@ def _size(one: FleetFinding) -> str:
     factor = 100.0 if unit == " %" else 1.0
     text = uncertain(factor * one.size, factor * one.std if one.std else 0.0)
     return f"{'+' if one.size > 0 else ''}{text}{unit}"
-
-
-def _sure(one: FleetFinding) -> str:
-    return "> 99.99 %" if one.certainty > 0.9999 else percent(one.certainty, digits=2)
 
 
 def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, Unpack
 
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel, save
-from robot_energy.replay.inputs import ModelName, Stages, model_of, silent
+from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.results.base import Result
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource
@@ -30,6 +31,7 @@ from robot_energy_identify.causes import (
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings
 from robot_energy_identify.dynamics.dynamics import identify_dynamics as fit_dynamics
 from robot_energy_identify.dynamics.dynamics_model import to_model
+from robot_energy_identify.options import SourceOptions
 from robot_energy_identify.plausibility import check_cabinet, check_dynamics
 from robot_energy_identify.provenance import hashed, identified_from, require_distinct, require_some
 from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
@@ -42,7 +44,7 @@ from robot_energy_identify.results.identification import (
     friction_report,
     thermal_report,
 )
-from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 from robot_energy_identify.steps import find_friction, find_thermal
 from robot_energy_identify.thermal.windows import without_networks
 
@@ -78,15 +80,14 @@ class IdentificationResult(Shown, Generic[Found]):
         return self.found.to_dict()
 
 
+@takes(SourceOptions)
 def identify_friction(
     bags: Names | BagSource,
     model: ModelName,
     effort: str | None = None,
     *,
     share_shape: bool = False,
-    inputs: str | Path | None = None,
-    sensors: SensorLimits | None = None,
-    progress: Stages = silent,
+    **options: Unpack[SourceOptions],
 ) -> IdentificationResult[FrictionReport]:
     """Identify the friction of every axis over its motor temperature (paper A, eq. 8 to 10).
 
@@ -97,9 +98,7 @@ def identify_friction(
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
-        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        sensors: Limits of the constant errors of the sensors; None for the usual ones.
-        progress: Called with what is going on; gives a function of the share done.
+        **options: How the recordings are read: see `SourceOptions`.
 
     Returns:
         Laws per axis, and the model with them.
@@ -109,7 +108,7 @@ def identify_friction(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
+    used, read = model_of(model), _source(bags, effort, options)
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     source = read.names
     with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
@@ -119,13 +118,13 @@ def identify_friction(
     return IdentificationResult(written, found)
 
 
+@takes(SourceOptions)
 def identify_thermal(
     bags: Names | BagSource,
     model: ModelName,
     *,
     ambient_degc: float | None = None,
-    inputs: str | Path | None = None,
-    progress: Stages = silent,
+    **options: Unpack[SourceOptions],
 ) -> IdentificationResult[ThermalReport]:
     """Identify the thermal network of every motor from the losses of the model.
 
@@ -134,8 +133,7 @@ def identify_thermal(
             are read.
         model: Model with friction and drives; the model, its file, or the name of a shipped one.
         ambient_degc: Temperature of the air; None: the coldest first reading. [degC]
-        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        progress: Called with what is going on; gives a function of the share done.
+        **options: How the recordings are read: see `SourceOptions`.
 
     Returns:
         Networks with held-out errors, and the model with them.
@@ -144,23 +142,22 @@ def identify_thermal(
         NotIdentifiableError: If no motor warms enough, or losses predict no temperature.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    used, read = model_of(model), _source(bags, None, inputs, progress, None)
+    used, read = model_of(model), _source(bags, None, options)
     recordings = read.recordings(without_networks(used))
-    with progress("identifying"):
+    with read.progress("identifying"):
         thermal = find_thermal(recordings, used, ambient_degc, read.names)
     found = thermal_report(thermal)
     written = _made_from(thermal.write(used), "Thermal networks identified.", read)
     return IdentificationResult(written, found)
 
 
+@takes(SourceOptions)
 def identify_cabinet(
     bags: Names | BagSource,
     model: ModelName,
     *,
     link_voltages: tuple[float, float] | None = None,
-    inputs: str | Path | None = None,
-    sensors: SensorLimits | None = None,
-    progress: Stages = silent,
+    **options: Unpack[SourceOptions],
 ) -> IdentificationResult[CabinetReport]:
     """Identify constant losses and the DC link from a power meter (paper A, section II-A).
 
@@ -169,9 +166,7 @@ def identify_cabinet(
             how they are read.
         model: Model to begin with: the model, its file, or the name of a shipped one.
         link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
-        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        sensors: Limits of the constant errors of the sensors; None for the usual ones.
-        progress: Called with what is going on; gives a function of the share done.
+        **options: How the recordings are read: see `SourceOptions`.
 
     Returns:
         Losses with intervals, and the model with them.
@@ -181,7 +176,7 @@ def identify_cabinet(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    used, read = model_of(model), _source(bags, None, inputs, progress, sensors)
+    used, read = model_of(model), _source(bags, None, options)
     recordings = read.recordings(used)
     refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, read.names, link_voltages)
@@ -190,14 +185,13 @@ def identify_cabinet(
     return IdentificationResult(written, cabinet_report(found))
 
 
+@takes(SourceOptions)
 def identify_auxiliary(
     bags: Names | BagSource,
     model: ModelName,
     *,
     outlet_meter: bool = False,
-    inputs: str | Path | None = None,
-    sensors: SensorLimits | None = None,
-    progress: Stages = silent,
+    **options: Unpack[SourceOptions],
 ) -> IdentificationResult[LoadStatesReport]:
     """Identify the power of each state of loads outside of the cabinet (paper B, figure 1).
 
@@ -207,9 +201,7 @@ def identify_auxiliary(
         model: Model with the loads: the model, its file, or the name of a shipped one.
         outlet_meter: Whether the power meter sits at the outlet and sees the loads as well; then
             those without a meter of their own are found while the robot stands still.
-        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        sensors: Limits of the constant errors of the sensors; None for the usual ones.
-        progress: Called with what is going on; gives a function of the share done.
+        **options: How the recordings are read: see `SourceOptions`.
 
     Returns:
         Powers with intervals and held-out errors, and the model with them.
@@ -218,7 +210,7 @@ def identify_auxiliary(
         NotIdentifiableError: If no state of any load can be found.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    used, source = model_of(model), _source(bags, None, inputs, progress, sensors)
+    used, source = model_of(model), _source(bags, None, options)
     loads = used.auxiliary or ()
     if not any(load.metered or len(load.states) > 1 for load in loads):
         raise NotIdentifiableError(
@@ -267,15 +259,14 @@ def identify_auxiliary(
     return IdentificationResult(written, LoadStatesReport(tuple(fits), tuple(map(str, refused))))
 
 
+@takes(SourceOptions)
 def identify_dynamics(
     bags: Names | BagSource,
     model: ModelName,
     effort: str | None = None,
     *,
     settings: DynamicsSettings | None = None,
-    inputs: str | Path | None = None,
-    sensors: SensorLimits | None = None,
-    progress: Stages = silent,
+    **options: Unpack[SourceOptions],
 ) -> IdentificationResult[DynamicsReport]:
     """Identify bodies, rotors and friction from motion and motor torque.
 
@@ -285,9 +276,7 @@ def identify_dynamics(
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says.
         settings: Regression, columns and filters; None for those of the command.
-        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        sensors: Limits of the constant errors of the sensors; None for the usual ones.
-        progress: Called with what is going on; gives a function of the share done.
+        **options: How the recordings are read: see `SourceOptions`.
 
     Returns:
         Parameters with standard deviations, and the model with them.
@@ -297,11 +286,11 @@ def identify_dynamics(
         ImplausibleIdentificationError: If what was found contradicts physics.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    used, read = model_of(model), _source(bags, effort, inputs, progress, sensors)
+    used, read = model_of(model), _source(bags, effort, options)
     stretches = [part for parts in read.channels(used).values() for part in parts]
-    with progress("identifying"):
+    with read.progress("identifying"):
         how = settings or DynamicsSettings()
-        how = how if sensors is None else replace(how, sensors=sensors)
+        how = how if read.sensors is None else replace(how, sensors=read.sensors)
         result = fit_dynamics(stretches, used, how)
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
@@ -310,17 +299,11 @@ def identify_dynamics(
     return IdentificationResult(written, dynamics_report(result, held_out, consistent))
 
 
-def _source(
-    bags: Names | BagSource,
-    effort: str | None,
-    inputs: str | Path | None,
-    progress: Stages,
-    sensors: SensorLimits | None,
-) -> BagSource:
+def _source(bags: Names | BagSource, effort: str | None, options: SourceOptions) -> BagSource:
     read = bags
     if not isinstance(read, BagSource):
         paths = [read] if isinstance(read, str | Path) else list(read)
-        read = BagSource(paths, effort, inputs, progress=progress, sensors=sensors)
+        read = BagSource(paths, effort, **options)
     require_distinct(read.paths)
     require_some(read.paths)
     return read

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy.foundation.units import DqScaling
-from robot_energy.replay.inputs import ModelName, Stages, model_of, silent
+from robot_energy.foundation.options import takes
+from robot_energy.replay.inputs import ModelName, model_of, silent
 from robot_energy_identify.api.bag_source import BagSource
 from robot_energy_identify.api.identify import IdentificationResult, Names
 from robot_energy_identify.causes import (
@@ -22,31 +22,20 @@ from robot_energy_identify.causes import (
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.data.bags import Bag, BagFacts, Kept, Span, facts, folds_of
 from robot_energy_identify.drives.drive_power import drive_topics
+from robot_energy_identify.options import IdentifyOptions
 from robot_energy_identify.plausibility import check_signs
 from robot_energy_identify.provenance import require_distinct
 from robot_energy_identify.results.identification import IdentificationReport, identification_report
 from robot_energy_identify.run_all import FullIdentification, identify_everything, with_provenance
 from robot_energy_identify.stats.held_out_energy import held_out_energy
-from robot_energy_identify.stats.systematic import SensorLimits
-from robot_energy_identify.steps import Subject
 
 
+@takes(IdentifyOptions)
 def identify_all(
     bags: Names,
     model: ModelName,
     effort: str | None = None,
-    *,
-    test: Names = (),
-    held_out: bool = True,
-    skip: Sequence[Subject] = (),
-    drive_power: str | Sequence[str] | None = None,
-    drive_joints: Sequence[str] | None = None,
-    dq_scaling: DqScaling = "peak",
-    link_voltages: tuple[float, float] | None = None,
-    share_shape: bool = False,
-    inputs: str | Path | None = None,
-    sensors: SensorLimits | None = None,
-    progress: Stages = silent,
+    **options: Unpack[IdentifyOptions],
 ) -> IdentificationResult[IdentificationReport]:
     """Identify everything that the recordings allow, and test it on what was held out.
 
@@ -56,18 +45,7 @@ def identify_all(
         effort: What the effort in the joint states is: ``motor_torque``, ``joint_torque`` or
             ``motor_current``; None: as ``inputs`` says. Without it neither bodies nor friction
             can be identified.
-        test: Recordings for the test alone.
-        held_out: Whether to test the energy on held-out recordings.
-        skip: Subjects that stay as the model has them.
-        drive_power: Topic of an array with the power of each drive [W], or four: currents d and
-            q [A], voltages d and q [V] (paper B eq. 1).
-        drive_joints: Joints in the order of these arrays; None: of the model.
-        dq_scaling: What the amplitudes of the four are: ``peak``, ``rms`` or ``power_invariant``.
-        link_voltages: Of the DC link: rectified mains, start of the brake chopper. [V]
-        share_shape: Whether axes of too small a range borrow the temperature shape of others.
-        inputs: Parameter file of a monitor: read the bags as that node reads its topics.
-        sensors: Limits of the constant errors of the sensors; None for the usual ones.
-        progress: Called with what is going on; gives a function of the share done.
+        **options: What is identified and how it is tested: see `IdentifyOptions`.
 
     Returns:
         Every step with its reason where nothing was found, and the model with all of them.
@@ -76,18 +54,24 @@ def identify_all(
         NotIdentifiableError: If nothing can be identified, with the reason of every step.
         RobotEnergyError: If recordings or model cannot be used.
     """
-    given = model_of(model)
-    drives = drive_topics(drive_power, drive_joints, dq_scaling)
+    given, progress, skip = (
+        model_of(model),
+        options.get("progress", silent),
+        options.get("skip", ()),
+    )
+    drives = drive_topics(
+        options.get("drive_power"), options.get("drive_joints"), options.get("dq_scaling", "peak")
+    )
     paths, test_paths = (
         [Path(one)] if isinstance(one, str | Path) else [Path(bag) for bag in one]
-        for one in (bags, test)
+        for one in (bags, options.get("test", ()))
     )
     require_distinct(paths)
     require_distinct(test_paths)
     require_distinct(paths, test_paths)
-    source = BagSource(paths, effort, inputs, sensors=sensors)
+    source = BagSource(paths, effort, options.get("inputs"), sensors=options.get("sensors"))
     fitted, refused = source.lazy(given, drives)
-    tests, _ = BagSource(test_paths, effort, inputs).lazy(given, drives)
+    tests, _ = BagSource(test_paths, effort, source.inputs).lazy(given, drives)
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
     kept: list[Bag] = []
@@ -113,12 +97,12 @@ def identify_all(
             skip,
             lambda _, share: report(share),
             refused,
-            link_voltages,
-            share_shape=share_shape,
+            options.get("link_voltages"),
+            share_shape=options.get("share_shape", False),
         )
     _require_something(whole)
     energy = None
-    if held_out:
+    if options.get("held_out", True):
         kind, folds = folds_of(fitted, tests, [span for _, span in known])
         with progress("testing on what was held out") as report:
             energy = held_out_energy(kind, folds, whole, skip, lambda _, share: report(share))

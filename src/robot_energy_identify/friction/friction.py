@@ -21,7 +21,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
-from robot_energy.model.joint import JointFriction, Stribeck
+from robot_energy.model.joint import JointFriction, Stribeck, ViscousExponent
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import identified
@@ -48,8 +48,10 @@ from robot_energy_identify.stats.regression import Fit
 
 MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
 MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
-MIN_LOAD_STD = 3.0  # standard deviations of the share of the load above 0
+MIN_STD = 3.0  # standard deviations of the share of the load above 0, of an exponent from 1
 SATURATIONS = (0.75, 0.5)  # quantiles of the load that are tried
+EXPONENTS = (0.2, 2.0)  # of the speed in viscous friction, at most
+REFINED, MAX_REFINED = 1e-3, 20  # change of the exponent at which it has settled; rounds at most
 HeldOutPart = Literal["temperatures", "blocks"]
 
 
@@ -95,6 +97,8 @@ class FrictionFit:
         load: Of friction by load, where held-out torque shows it: share and its deviation [-],
             and saturation, infinite for none [N m].
         load_seen: Whether the load was known, so that friction without it is the whole.
+        exponent: Of the speed in viscous friction, where held-out torque shows it: the exponent and
+            its deviation [-], and the speed at which it changes nothing [rad/s].
     """
 
     name: str
@@ -117,6 +121,7 @@ class FrictionFit:
     stribeck: Stribeck | None = None
     load: tuple[float, float, float] | None = None
     load_seen: bool = False
+    exponent: tuple[float, float, float] | None = None
 
     @property
     def law(self) -> LawEntry:
@@ -127,8 +132,9 @@ class FrictionFit:
         """Return the friction of a model file with these figures.
 
         Args:
-            before: What the file held. Its Stribeck term goes, and its load terms where the load is
-                known, since the fit holds the whole friction; other optional terms stay.
+            before: What the file held. Its Stribeck term and its viscous exponent go, and its load
+                terms where the load is known, since the fit holds the whole friction; other
+                optional terms stay.
             source: Where the data come from.
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
@@ -136,6 +142,7 @@ class FrictionFit:
             "coulomb": coulomb,
             "viscous": self.law,
             "stribeck": self.stribeck,
+            "viscous_exponent": None,
         }
         if self.load_seen:
             found |= {"load_coulomb": None, "load_saturation": None}
@@ -145,6 +152,12 @@ class FrictionFit:
             if np.isfinite(saturation):
                 limit = PositiveFigure(value=saturation, tag="identified", source=source)
                 found["load_saturation"] = limit
+        if self.exponent is not None:
+            exponent, std, velocity = self.exponent
+            found["viscous_exponent"] = ViscousExponent(
+                exponent=identified(exponent, std, source),
+                velocity=PositiveFigure(value=velocity, tag="identified", source=source),
+            )
         return before.model_copy(update=found)
 
 
@@ -159,19 +172,74 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
             speed.
     """
-    moving = moving_samples(data)
-    plain = _fit(moving, source)
-    if plain.stribeck is not None or not (len(moving.load) and moving.load.any()):
+    fit, moving = fit_laws(data, source), moving_samples(data)
+    if fit.stribeck is not None:
+        return fit
+    if len(moving.load) and moving.load.any():
+        saturation = _saturation(fit, moving)
+        if saturation is not None:
+            with_load = moving.by_load(saturation)
+            loaded = _better(fit, _fit(with_load, source), "friction by load")
+            fit, moving = loaded, moving if loaded is fit else with_load
+    bent = _bent(fit, moving)
+    if bent is None:
+        return fit
+    return _better(fit, _fit(bent, source), f"the viscous exponent {bent.exponent:.3g}")
+
+
+def _better(plain: FrictionFit, fit: FrictionFit, term: str) -> FrictionFit:
+    """The fit with one more term, unless its Coulomb torque is impossible."""
+    if fit.coulomb < 0.0 <= plain.coulomb:
         return plain
-    saturation = _saturation(plain, moving)
-    if saturation is None:
-        return plain
-    loaded = _fit(moving.by_load(saturation), source)
-    if loaded.coulomb < 0.0 <= plain.coulomb:
-        return plain
-    errors = (fit.errors[fit.chosen].rms for fit in (loaded, plain))
-    note = "{}: with friction by load the held-out torque is off by {:.3g} instead of {:.3g} N m"
-    return replace(loaded, warnings=(*loaded.warnings, note.format(data.name, *errors)))
+    errors = (one.errors[one.chosen].rms for one in (fit, plain))
+    note = "{}: with {} the held-out torque is off by {:.3g} instead of {:.3g} N m"
+    return replace(fit, warnings=(*fit.warnings, note.format(fit.name, term, *errors)))
+
+
+@one_thread
+def fit_laws(data: FrictionData, source: str = "") -> FrictionFit:
+    """Return the friction of one axis without a search for further terms; see `fit_friction`."""
+    return _fit(moving_samples(data), source)
+
+
+def _bent(fit: FrictionFit, data: FrictionData) -> FrictionData | None:
+    """Samples with the exponent of the speed in viscous friction; None if it does not show.
+
+    It shows where it is surely not 1 and torque that no fit has seen is predicted better by `GAIN`.
+    It is refined until the fit no longer moves it; what is held out refines it once more.
+    """
+    if one_speed(data):
+        return None
+    law, exponent, degc = fit.law, 1.0, np.nan_to_num(data.motor_temperature_degc)
+    try:
+        for _ in range(MAX_REFINED):
+            bent = data.by_exponent(exponent, viscous_law(law).viscous(degc))
+            law, found = fit_law(fit.chosen, bent)
+            step, std = float(found.values[-1]), float(found.std[-1])
+            if not abs(exponent + step - 1.0) > MIN_STD * std:
+                return None
+            exponent += step
+            if not EXPONENTS[0] < exponent < EXPONENTS[1]:
+                return None
+            if abs(step) < REFINED:
+                break
+        else:
+            return None
+        error = held_out_law(partial(fit_law, fit.chosen), bent, folds_of_axis(data)[1]).rms
+    except NotIdentifiableError:
+        return None
+    names = {"none": fit.errors[fit.chosen].rms, "exponent": error}
+    return None if simplest(names) == "none" else bent
+
+
+def exponent_of(fit: Fit, data: FrictionData) -> tuple[float, float, float] | None:
+    """Return the exponent of the speed, its deviation, and the speed at which it changes nothing.
+
+    None where it was not fitted.
+    """
+    if not data.exponent_free:
+        return None
+    return data.exponent + float(fit.values[-1]), float(fit.std[-1]), data.exponent_velocity
 
 
 def _saturation(plain: FrictionFit, data: FrictionData) -> float | None:
@@ -183,7 +251,7 @@ def _saturation(plain: FrictionFit, data: FrictionData) -> float | None:
     whole, fold = data.by_load(np.inf), folds_of_axis(data)[1]
     try:
         found = load_of(fit_law(plain.chosen, whole)[1], whole)
-        if found is None or not found[0] > MIN_LOAD_STD * found[1]:
+        if found is None or not found[0] > MIN_STD * found[1]:
             return None
         tried = (np.inf, *np.quantile(data.load, SATURATIONS).tolist())
         errors = {
@@ -283,6 +351,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
         stribeck=term,
         load=load_of(regression, moving),
         load_seen=len(moving.load) > 0,
+        exponent=exponent_of(regression, moving),
     )
 
 
@@ -373,7 +442,7 @@ def held_out_law(
         seen = data.rows(test)
         degc = np.nan_to_num(seen.motor_temperature_degc)  # without any, the law is a constant
         viscous = viscous_law(law).viscous(degc)
-        return found.values[0] * seen.sign + viscous * seen.motor_velocity + nuisance(found, seen)
+        return found.values[0] * seen.sign + viscous * seen.turning + nuisance(found, seen)
 
     return held_out(data.friction_torque, fold, predict)
 

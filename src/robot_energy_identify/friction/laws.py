@@ -41,7 +41,7 @@ IMPOSSIBLE = 1e30  # cost of a law with a negative part; finite, for the search
 
 def _nodes(data: FrictionData) -> Float:
     """Nodes of the free curve, where the data are: one per stretch of temperature seen."""
-    degc, moved = data.motor_temperature_degc, data.motor_velocity**2
+    degc, moved = data.motor_temperature_degc, data.turning**2
     low, high = float(degc.min()), float(degc.max())
     if high - low < MIN_RANGE:
         return np.array([float(np.average(degc, weights=moved))])
@@ -58,7 +58,7 @@ def _nodes(data: FrictionData) -> Float:
 def _columns(data: FrictionData, shape: Float) -> Float:
     """Columns of fc, of ``shape * w``, of the offset and of the nuisances."""
     ones = np.ones((len(data), 1))
-    viscous = shape * data.motor_velocity[:, None]
+    viscous = shape * data.turning[:, None]
     return np.hstack([data.sign[:, None], viscous, ones, data.nuisance])
 
 
@@ -74,6 +74,8 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
     extra = [f"gravity term {number + 1}" for number in range(data.nuisance.shape[1])]
     if data.loaded:
         extra[0] = "load"
+    if data.exponent_free:
+        extra[-1] = "exponent of the speed"
     try:
         columns = _columns(data, shape)
         fit = regress(
@@ -279,7 +281,7 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     # both sides behind a QR decomposition of what no scale changes: only its rest is left of them
     fixed = _columns(data, np.ones((len(data), 1))) * root[:, None]
     base, triangle = np.linalg.qr(fixed)
-    target, speed = root * data.friction_torque, root * data.motor_velocity
+    target, speed = root * data.friction_torque, root * data.turning
     along = base.T @ target
     rest = target - base @ along
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.physics.equations import viscous_velocity
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.data.thinned import few
-from robot_energy_identify.stats.cross_validation import averaged, contiguous_blocks
+from robot_energy_identify.stats.cross_validation import averaged, contiguous_blocks, rms_of
 from robot_energy_identify.stats.regression import Method
 from robot_energy_identify.stats.systematic import BODIES, TORQUE
 
@@ -55,6 +56,9 @@ class FrictionData:
             [N m]
         saturation: Load beyond which friction by load, the first nuisance, rises no further; NaN
             where it is none of them. [N m]
+        exponent: Of the speed in viscous friction. [-]
+        exponent_velocity: At which it changes nothing. [rad/s]
+        exponent_free: Whether the last nuisance is the change of friction by the exponent.
         deviations: Whether a fit of it needs them, or only predicts what was held out.
     """
 
@@ -72,6 +76,9 @@ class FrictionData:
     method: Method = "irls"
     load: Float = field(default_factory=partial(np.empty, 0))
     saturation: float = float("nan")
+    exponent: float = 1.0
+    exponent_velocity: float = 1.0
+    exponent_free: bool = False
     deviations: bool = True
 
     def __len__(self) -> int:
@@ -101,6 +108,13 @@ class FrictionData:
         return np.sign(self.motor_velocity)
 
     @property
+    def turning(self) -> Float:
+        """What viscous friction is in proportion to, shape (N,). [rad/s]"""
+        if self.exponent == 1.0:
+            return self.motor_velocity
+        return viscous_velocity(self.motor_velocity, self.exponent, self.exponent_velocity)
+
+    @property
     def loaded(self) -> bool:
         """Whether friction by load is fitted."""
         return not np.isnan(self.saturation)
@@ -115,6 +129,22 @@ class FrictionData:
         return replace(
             self, nuisance=np.column_stack([column, self.nuisance]), saturation=saturation
         )
+
+    def by_exponent(self, exponent: float, viscous: Float) -> FrictionData:
+        """Return the samples with an exponent, and its change of friction as the last nuisance.
+
+        ``d(fv u)/dq = fv u ln(|w| / wq)`` with ``u = wq sgn(w) (|w| / wq)^q``, so a fit finds how
+        far q is off, and the deviations of all figures with q free. wq is the RMS speed, which
+        leaves fv what it is without an exponent.
+
+        Args:
+            exponent: q. [-]
+            viscous: fv at each sample, shape (N,). [N m s/rad]
+        """
+        velocity = rms_of(self.motor_velocity)
+        bent = replace(self, exponent=exponent, exponent_velocity=velocity, exponent_free=True)
+        column = viscous * bent.turning * np.log(np.abs(self.motor_velocity) / velocity)
+        return replace(bent, nuisance=np.column_stack([self.nuisance, column]))
 
 
 def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:

@@ -199,7 +199,11 @@ def share_shape(
         data = moving_samples(samples[fit.name])
         degc = data.motor_temperature_degc
         if np.isfinite(degc).all() and (np.ptp(degc) < MIN_RANGE or one_speed(data)):
-            poor[fit.name] = data if fit.load is None else data.by_load(fit.load[2])
+            data = data if fit.load is None else data.by_load(fit.load[2])
+            if fit.exponent is not None:
+                exponent, _, velocity = fit.exponent
+                data = replace(data, exponent=exponent, exponent_velocity=velocity)
+            poor[fit.name] = data
     if not poor:
         return list(fits)
     try:

@@ -46,7 +46,8 @@ class _Metered:
     Attributes:
         friction_power: Mean of each joint, by the model, shape (N, n). [W]
         motor_temperature_degc: Shape (N, n). [degC]
-        squares: Integral of the squared motor velocity where the meter sees it, shape (N, n).
+        squares: Integral of the motor velocity times what viscous friction is in proportion to,
+            where the meter sees it, shape (N, n).
         residual: Measured less predicted energy, shape (N,). [J]
         measured: Measured energy, shape (N,). [J]
     """
@@ -190,7 +191,7 @@ def gears_by_meter(
 
 def _metered(recording: Recording) -> _Metered:
     """Sums of a recording over windows of 10 s, where predicted and measured energy are known."""
-    power = recording.power
+    power, friction = recording.power, FrictionModel.from_model(recording.model)
     origin = int(power.stamp_ns[0])
     window = ((power.stamp_ns - origin) * NANOSECOND // WINDOW).astype(np.int64)
     count = int(window[-1]) + 1
@@ -218,7 +219,7 @@ def _metered(recording: Recording) -> _Metered:
     return _Metered(
         sums(power.friction_power, step) / WINDOW,
         degc,
-        sums(power.motor_velocity**2, seen),
+        sums(power.motor_velocity * friction.viscous_velocity(power.motor_velocity), seen),
         measured - predicted,
         measured,
     )

@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
 from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
-from robot_energy.foundation.units import DAY
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
-from robot_energy_plan.motion.load_motion import ToolOptions, load_motion
-from robot_energy_plan.motion.planned import MAX_DURATION
+from robot_energy_plan.motion.load_motion import load_motion
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.forms import read_form
 from robot_energy_plan.optimization.gcode_form import GcodeForm
 from robot_energy_plan.optimization.measures import Optimum, optimise
 from robot_energy_plan.optimization.program_form import ProgramForm
-from robot_energy_plan.optimization.rest_states import ASSUMED, RestState
+from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
+from robot_energy_plan.options import OptimizeOptions
 from robot_energy_plan.results.common_supply import supply_figures
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
 
 TEMPERATURES = 3  # at which a range is looked at
-MAX_CYCLES = 365.0 * DAY  # in a year: one a second
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
 
 
@@ -67,26 +64,12 @@ class OptimizationResult(Shown):
         self.form.write(Path(path), self.optimum.task, self.optimum.plan)
 
 
+@takes(OptimizeOptions)
 def optimize(
     program: str | Path,
     model: ModelName,
     temperature: float | tuple[float, float] | None = None,
-    *,
-    cycle_time: float | None = None,
-    standby: bool | Sequence[RestState] = False,
-    regenerative: bool = False,
-    peak_limit: float | None = None,
-    cycles_per_year: float | None = None,
-    time_law: bool = False,
-    level: Sequence[str | Path] = (),
-    one_bus: bool = False,
-    topic: str | None = None,
-    start: float | None = None,
-    end: float | None = None,
-    free_rests: bool = False,
-    tool: ToolOptions | None = None,
-    max_feed: float = 1.0,
-    progress: Callable[[float], None] | None = None,
+    **options: Unpack[OptimizeOptions],
 ) -> OptimizationResult:
     """Look for the speeds, pauses and states that cost least, and say how sure that is.
 
@@ -96,89 +79,67 @@ def optimize(
         model: A model, its file, or the name of a shipped one.
         temperature: Of all motors, or the range in which they work; None: the reference
             temperature of the model. [degC]
-        cycle_time: Of one cycle, which includes a wait; None: the next one begins at once. [s]
-        standby: Whether rests may be spent on brakes, in standby or hibernation, with assumed
-            figures; or the states of this robot.
-        regenerative: Whether a regenerative supply is judged as well.
-        peak_limit: Of the power from the grid. [W]
-        cycles_per_year: How many there are; None: nothing is said of a year. [1]
-        time_law: Whether moves may follow time laws of their own; what is written is a trajectory
-            then.
-        level: Programs of further robots of this model on the same supply, whose starts within
-            the cycle time are shifted so that the peak is least.
-        one_bus: Whether these share one DC bus: starts are shifted so that least energy is needed.
-        topic: Of the JointTrajectory, or of the joint states, in a bag.
-        start: Of one recorded cycle in the bag, after its start; negative: before its end. [s]
-        end: Of the same cycle, likewise. [s]
-        free_rests: Whether the work needs none of the rests of the program: the cycle, as long as
-            now unless ``cycle_time`` is given, may be filled with slower moves.
-        tool: What G-code does not state.
-        max_feed: Greatest factor on the feeds of G-code; 1: never faster than it states. [-]
-        progress: Called with the share done, 0 to 1.
+        **options: What may be changed and what is kept: see `OptimizeOptions`.
 
     Returns:
         The choice, what each measure saves alone, and the trade-offs.
 
     Raises:
-        MotionError: If the program cannot be made within the limits, or a figure makes no sense.
+        MotionError: If the program cannot be made within the limits, or options exclude each
+            other.
+        ParameterError: If a figure makes no sense.
         RobotEnergyError: If program or model cannot be used.
     """
-    used = model_of(model)
-    notes: list[str] = []
+    used, name, notes = model_of(model), str(program), list[str]()
     if temperature is None:
         temperature = used.temperature.fallback_degc
         notes.append(f"no temperature was given: {temperature:g} degC, that of the model")
-    for name, value, most in (
-        ("cycle time", cycle_time, MAX_DURATION),
-        ("peak limit", peak_limit, np.inf),
-        ("number of cycles in a year", cycles_per_year, MAX_CYCLES),
-    ):
-        if value is not None and not 0 < value <= most:
-            raise MotionError(f"the {name} is {value}", "a value > 0")
+    cycle_time, level = options.get("cycle_time"), options.get("level", ())
     if level and cycle_time is None:
         raise MotionError(
             "no cycle time was given for robots on one supply", "the cycle time that all have"
         )
-    if one_bus and not level:
+    if options.get("one_bus") and not level:
         raise MotionError("no other robot was named for one DC bus", "their programs")
     chain = PowerChain(used, _temperatures(temperature, used))
-    form = read_form(program, used, chain.robot, topic, TimeRange(start, end), tool, max_feed)
-    if time_law and isinstance(form, GcodeForm):
+    form = read_form(program, used, chain.robot, options)
+    if options.get("time_law") and isinstance(form, GcodeForm):
         raise MotionError(
             f"'{program}' states no time laws", "moves or a trajectory", "leave time laws out"
         )
-    if free_rests and cycle_time is None:
+    free = options.get("free_rests", False)
+    if free and cycle_time is None:
         cycle_time = float(form.moves.duration(form.base).sum() + form.needed.sum())
-    states = (ASSUMED if standby else ()) if isinstance(standby, bool) else tuple(standby)
 
-    def task_of(one: ProgramForm) -> Task:
+    states = options.get("rest_states") or (ASSUMED if options.get("standby") else ())
+
+    def task_of(work: ProgramForm) -> Task:
         return make_task(
             chain,
-            one.moves,
-            one.base,
-            np.zeros_like(one.needed) if free_rests else one.needed,
-            one.joint_position,
+            work,
             cycle_time=cycle_time,
-            states=states,
-            peak_limit=np.inf if peak_limit is None else peak_limit,
-            regeneration=REGENERATION if regenerative else None,
-            speeds=one.speeds,
-            accelerations=one.accelerations,
-            progress=progress,
+            free_rests=free,
+            states=read_rest_states(states),
+            peak_limit=options.get("peak_limit") or np.inf,
+            regeneration=REGENERATION if options.get("regenerative") else None,
+            progress=options.get("progress"),
         )
 
     task, chosen = task_of(form), form
-    if time_law:
+    if options.get("time_law"):
         limits = law_limits(chain, form.acceleration, form.jerk)
-        laws = timed_moves(chain, form.moves, form.base, limits, progress=progress)
+        laws = timed_moves(chain, form.moves, form.base, limits, progress=options.get("progress"))
         chosen = TimedForm(form, laws)
         task = task_of(chosen)
-    name = str(program)
     found = optimise(task)
-    report = optimization_report(found, chosen, name, notes, cycles_per_year)
+    report = optimization_report(found, chosen, name, notes, options.get("cycles_per_year"))
     if level and cycle_time is not None:
-        others = [(str(one), load_motion(one, chain.robot, topic=topic).motion) for one in level]
+        others = [
+            (str(one), load_motion(one, chain.robot, topic=options.get("topic")).motion)
+            for one in level
+        ]
         robots = [(name, chosen.motion(found.task, found.plan)), *others]
+        one_bus = options.get("one_bus", False)
         report = replace(report, **supply_figures(found.task, robots, cycle_time, one_bus))
     return OptimizationResult(name, report, found, chosen)
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
+from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
-from robot_energy.model.payload import Payload
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.power_table import empty_table, period_table
@@ -19,7 +19,8 @@ from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_plan import prediction
 from robot_energy_plan.motion.load_motion import LoadedMotion, ToolOptions, load_motion
 from robot_energy_plan.motion.planned import PlannedMotion
-from robot_energy_plan.prediction import MAX_SAMPLES, Prediction
+from robot_energy_plan.options import PredictOptions
+from robot_energy_plan.prediction import Prediction
 from robot_energy_plan.results.prediction import PredictionReport, prediction_report
 
 
@@ -65,18 +66,15 @@ class PredictionResult(Shown):
         return self.report.to_dict()
 
 
+@takes(PredictOptions)
 def predict(
     program: str | Path | PlannedMotion,
     model: ModelName,
     temperature: float | Sequence[float] | Float,
     *,
-    repeat: int | None = None,
-    payload: Sequence[Payload] = (),
     topic: str | None = None,
     tool: ToolOptions | None = None,
-    max_samples: int = MAX_SAMPLES,
-    progress: Callable[[float], None] | None = None,
-    auxiliary: Mapping[str, str] | None = None,
+    **options: Unpack[PredictOptions],
 ) -> PredictionResult:
     """Predict the energy of a motion program.
 
@@ -85,14 +83,10 @@ def predict(
             in memory, such as a `robot_energy_plan.motion.planned.SampledMotion`.
         model: A model, its file, or the name of a shipped one.
         temperature: Of all motors, or one per joint, held throughout. [degC]
-        repeat: How often the motion is made; None: as the program says.
-        payload: What the robot carries: instead of what the model has on the same link, and
-            besides what it has on others, which is noted.
         topic: Of the JointTrajectory in a bag.
-        tool: What G-code does not say.
-        max_samples: Longer predictions are refused.
-        progress: Called with the share done, 0 to 1.
-        auxiliary: States of auxiliary loads, by the names of the loads.
+        tool: What G-code does not state.
+        **options: What is predicted: see `PredictOptions`. A payload counts besides what the
+            model has on other links, which is noted.
 
     Returns:
         Power over time and energies.
@@ -106,17 +100,9 @@ def predict(
         motion = load_motion(program, Robot.from_model(used), tool, topic)
     else:
         motion = LoadedMotion(program, "the motion")
+    given: PredictOptions = {"repeat": motion.repeat, **options}
     result = prediction.predict(
-        used,
-        motion.motion,
-        temperature,
-        motion.name,
-        motion.repeat if repeat is None else repeat,
-        payload,
-        motion.notes,
-        progress,
-        max_samples,
-        auxiliary=auxiliary,
+        used, motion.motion, temperature, motion.name, notes=motion.notes, **given
     )
     report = prediction_report(result, motion)
     names = used.joint_names

@@ -17,8 +17,9 @@ from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.motion.load_motion import BAG, ToolOptions, load_motion
+from robot_energy_plan.motion.load_motion import BAG, load_motion
 from robot_energy_plan.optimization.forms import holds_trajectory
+from robot_energy_plan.options import SharedBusOptions
 from robot_energy_plan.results.shared_bus import SharedBusReport, shared_bus_report
 from robot_energy_plan.shared_bus import (
     BusRobot,
@@ -28,6 +29,7 @@ from robot_energy_plan.shared_bus import (
 )
 
 MAX_ROBOTS = 50
+OF_PROGRAMS, OF_BOTH = {"cycle_time", "temperature"}, {"topic", "tool", "progress"}
 
 
 @dataclass(frozen=True)
@@ -47,17 +49,12 @@ class SharedBusResult(Shown):
         return self.report.to_dict()
 
 
-@takes(ReplayOptions)
+@takes(SharedBusOptions)
 def shared_bus(
     motions: Sequence[str | Path],
     models: ModelName | Sequence[ModelName],
     temperature: float | Sequence[float] | Float | None = None,
-    *,
-    cycle_time: float | None = None,
-    same_start: bool = False,
-    topic: str | None = None,
-    tool: ToolOptions | None = None,
-    **options: Unpack[ReplayOptions],
+    **options: Unpack[SharedBusOptions],
 ) -> SharedBusResult:
     """Return what robots save if they share one DC bus instead of having a supply each.
 
@@ -66,11 +63,7 @@ def shared_bus(
             repeat in a common cycle.
         models: Of each robot, or one for all.
         temperature: Of all motors, for programs; None: the fallback of each model. [degC]
-        cycle_time: Of programs; None: the longest one. [s]
-        same_start: Whether recordings that were made at other times count as begun at once.
-        topic: Of a JointTrajectory in a bag.
-        tool: What G-code does not state.
-        **options: How bags are read: see `ReplayOptions`.
+        **options: What the robots do, and how bags are read: see `SharedBusOptions`.
 
     Returns:
         Energies apart and on one bus, and the saving with its band.
@@ -79,6 +72,7 @@ def shared_bus(
         MotionError: If there are not two robots at least, or recordings and programs are mixed.
         RobotEnergyError: If a motion or model cannot be used.
     """
+    topic, same_start = options.get("topic"), options.get("same_start", False)
     named: list[ModelName] = (
         [models] if isinstance(models, str | Path | RobotModel) else list(models)
     )
@@ -95,13 +89,12 @@ def shared_bus(
         raise MotionError(
             f"'{bag}' is a recording and '{program}' a program", "recordings alone, or programs"
         )
-    if all(recorded):
-        given = {"cycle time": cycle_time, "temperature": temperature}
-    else:
-        given = {"same start": same_start or None, **options}
-    if unused := [name for name, value in given.items() if value is not None and value != []]:
+    every: dict[str, object] = {**options, "temperature": temperature}
+    given = {name for name, value in every.items() if value is not None and value is not False}
+    foreign = given & OF_PROGRAMS if all(recorded) else given - OF_BOTH - OF_PROGRAMS
+    if unused := sorted(foreign):
         kind = "recordings" if all(recorded) else "programs"
-        raise MotionError(f"{unused[0]} does not apply to {kind}", "leave it out")
+        raise MotionError(f"{unused[0].replace('_', ' ')} does not apply to {kind}", "leave it out")
     if all(recorded):
         robots = [
             _replayed(path, model, options) for path, model in zip(motions, used, strict=True)
@@ -113,10 +106,10 @@ def shared_bus(
         return SharedBusResult(report, tuple(robots))
     robots: list[BusRobot] = []
     for path, model in zip(motions, used, strict=True):
-        motion = load_motion(path, Robot.from_model(model), tool, topic)
+        motion = load_motion(path, Robot.from_model(model), options.get("tool"), topic)
         degc = model.temperature.fallback_degc if temperature is None else temperature
         robots.append(planned_robot(motion.name, model, motion.motion, degc, motion.repeat))
-    report = shared_bus_report(robots, planned_exchange(robots, cycle_time))
+    report = shared_bus_report(robots, planned_exchange(robots, options.get("cycle_time")))
     return SharedBusResult(report, tuple(robots))
 
 

@@ -16,32 +16,31 @@ from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.ptp_form import PtpForm
 from robot_energy_plan.optimization.recorded_motion import recorded_motion
 from robot_energy_plan.optimization.trajectory_form import TrajectoryForm
+from robot_energy_plan.options import OptimizeOptions
 
 
 def read_form(
     path: str | Path,
     model: RobotModel,
     robot: Robot,
-    topic: str | None = None,
-    time_range: TimeRange | None = None,
-    tool: ToolOptions | None = None,
-    max_feed: float = 1.0,
+    options: OptimizeOptions | None = None,
 ) -> ProgramForm:
     """Return a program that can be made cheaper.
 
     Args:
         path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
             bag of recorded joint states.
-        topic: Of the trajectory, or of the joint states, in a bag; None where there is one only.
-        max_feed: Greatest factor on the feeds of G-code. [-]
     """
     file = Path(path)
+    given: OptimizeOptions = options or {}
+    topic, time_range = given.get("topic"), TimeRange(given.get("start"), given.get("end"))
     if not file.exists():
         raise MotionError(f"there is no program '{path}'", "a file or a bag")
     if file.suffix.lower() in YAML and file.name != "metadata.yaml":
         return PtpForm(file, robot)
     if file.suffix.lower() in GCODE:
-        return GcodeForm(file, robot, tool or ToolOptions(), max_feed)
+        tool = given.get("tool") or ToolOptions()
+        return GcodeForm(file, robot, tool, given.get("max_feed", 1.0))
     if file.suffix.lower() == ".csv":
         return TrajectoryForm(read_csv_trajectory(file), robot, file)
     if file.suffix.lower() in BAG or file.is_dir():

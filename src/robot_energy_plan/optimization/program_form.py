@@ -12,33 +12,23 @@ from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp import Trajectory
 from robot_energy_plan.motion.trajectory_io import write_csv, write_trajectory
-from robot_energy_plan.optimization.candidates import Candidates, Moves
+from robot_energy_plan.optimization.candidates import Candidates
 from robot_energy_plan.optimization.plan import CyclePlan
-from robot_energy_plan.optimization.task import Task
+from robot_energy_plan.optimization.task import ProgramMoves, Task
 
 
 @dataclass(kw_only=True)
-class ProgramForm(ABC):
+class ProgramForm(ProgramMoves, ABC):
     """A program of one robot.
 
     Attributes:
-        needed: Rest before each move, shape (K,). [s]
-        joint_position: Where, shape (K, n). [rad] or [m]
-        speeds: Shares of speed that are tried. [-]
-        accelerations: Shares of acceleration that are tried. [-]
         acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
         jerk: Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]
         recorded: Whether it is a recording of what the robot has done.
     """
 
     robot: Robot
-    moves: Moves
-    base: Candidates
-    needed: Float
-    joint_position: Float
     labels: tuple[str, ...]
-    speeds: Float
-    accelerations: Float
     acceleration: Float
     jerk: Float
     notes: tuple[str, ...]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -62,9 +63,11 @@ ASSUMED = (
 """For robots whose states nobody measured."""
 
 
-def read_rest_states(path: str | Path) -> tuple[RestState, ...]:
-    """Return the states of a robot."""
-    file = load(path, RestStatesFile, MotionError, "file of rest states", "see howto_savings.md")
+def read_rest_states(given: str | Path | Sequence[RestState]) -> tuple[RestState, ...]:
+    """Return the states of a robot, as they are given or from a file."""
+    if not isinstance(given, str | Path):
+        return tuple(given)
+    file = load(given, RestStatesFile, MotionError, "file of rest states", "see howto_savings.md")
     return tuple(file.rest_states)
 
 

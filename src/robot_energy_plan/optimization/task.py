@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,26 @@ from robot_energy_plan.optimization.rest_states import RestState
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
 PERCENT = 100.0  # shares are whole per cent, as robot languages take them
+
+
+@dataclass(kw_only=True)
+class ProgramMoves:
+    """What a program does.
+
+    Attributes:
+        base: How the moves are made now, in their order.
+        needed: Rest before each move, shape (K,). [s]
+        joint_position: Where, shape (K, n). [rad] or [m]
+        speeds: Shares of speed that are tried, shape (S,). [-]
+        accelerations: Shares of acceleration that are tried, shape (A,). [-]
+    """
+
+    moves: Moves
+    base: Candidates
+    needed: Float
+    joint_position: Float
+    speeds: Float = field(default_factory=SPEEDS.copy)
+    accelerations: Float = field(default_factory=ACCELERATIONS.copy)
 
 
 @dataclass(frozen=True)
@@ -107,36 +127,29 @@ class Task:
 
 def make_task(
     chain: PowerChain,
-    moves: Moves,
-    base: Candidates,
-    needed: Float,
-    joint_position: Float,
+    work: ProgramMoves,
     *,
     cycle_time: float | None = None,
+    free_rests: bool = False,
     states: Sequence[RestState] = (),
     peak_limit: float = np.inf,
     regeneration: float | None = None,
-    speeds: Float = SPEEDS,
-    accelerations: Float = ACCELERATIONS,
     progress: Callable[[float], None] | None = None,
 ) -> Task:
     """Return the task, with what every candidate costs.
 
     Args:
-        base: How they are made now, in their order.
-        needed: Rest before each move, shape (K,). [s]
-        joint_position: Where it rests before each move, shape (K, n). [rad] or [m]
         cycle_time: Of one cycle; None: the next one begins at once. [s]
+        free_rests: Whether the work needs none of its rests.
         states: Ways to rest that may be used.
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged. [-]
-        speeds: Shares of speed that are tried, shape (S,). [-]
-        accelerations: Shares of acceleration that are tried, shape (A,). [-]
         progress: Called with the share done, 0 to 1.
     """
-    every = Candidates.concatenate(
-        [base, grid(moves, speeds, accelerations), *filter(None, [moves.laws])]
-    )
+    moves, base, joint_position = work.moves, work.base, work.joint_position
+    needed = np.zeros_like(work.needed) if free_rests else work.needed
+    tried = grid(moves, work.speeds, work.accelerations)
+    every = Candidates.concatenate([base, tried, *filter(None, [moves.laws])])
     use = chain.moves(moves, every, progress)
     table = CostTable(
         every,

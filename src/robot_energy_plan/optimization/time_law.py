@@ -92,6 +92,7 @@ def path_power(chain: PowerChain, path: Trajectory) -> PathPower:
     )
     speed = chain.drivetrain.motor_velocity_from_joint(v)
     coulomb, viscous = chain.friction.coulomb, chain.friction.viscous(degc)
+    turning = chain.friction.viscous_velocity(speed)
     constant, linear, quadratic, copper = _losses(chain, degc)
     size = np.abs(speed)
     return PathPower(
@@ -101,9 +102,9 @@ def path_power(chain: PowerChain, path: Trajectory) -> PathPower:
         still=gravity + coulomb * np.sign(speed),
         squared=whole - gravity + chain.drivetrain.rotor_torque(a),
         rising=rising - gravity + chain.drivetrain.rotor_torque(v),
-        viscous=viscous * speed,
+        viscous=viscous * turning,
         gravity=gravity,
-        friction=((coulomb * size).sum(axis=1), (viscous * size**2).sum(axis=1)),
+        friction=((coulomb * size).sum(axis=1), (viscous * (turning * speed)).sum(axis=1)),
         constant=float(constant.sum()),
         loss=((linear * size).sum(axis=1), (quadratic * size**2).sum(axis=1)),
         copper=copper,

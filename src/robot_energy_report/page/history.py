@@ -12,6 +12,13 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Float, Int
 
 MAX_BUCKETS = 600  # of one ring; more than most screens have pixels for
+LATEST = np.iinfo(np.int64).max
+WAYS: dict[str, tuple[np.ufunc, float, type]] = {
+    "energy": (np.add, 0.0, float), "time": (np.add, 0.0, float),
+    "low": (np.minimum, np.inf, float), "high": (np.maximum, -np.inf, float),
+    "begin": (np.minimum, LATEST, int), "end": (np.maximum, 0, int),
+}  # fmt: skip
+"""What is kept of each bucket: how two become one, of an empty one, and its kind."""
 
 
 class HistoryRing:
@@ -37,14 +44,14 @@ class HistoryRing:
         self._begin()
 
     def _begin(self) -> None:
-        shape = (MAX_BUCKETS, self._channels)
         self.width_ns = self._start_width_ns
         self.newest: int | None = None
         self._first = 0
         self._number = np.full(MAX_BUCKETS, -1, dtype=np.int64)
-        self._energy, self._time = np.zeros(shape), np.zeros(shape)
-        self._low, self._high = np.full(shape, np.inf), np.full(shape, -np.inf)
-        self._edges = np.zeros((MAX_BUCKETS, 2), dtype=np.int64)  # begin and end of what is in it
+        self._held = {
+            name: np.full((MAX_BUCKETS, 1 if kind is int else self._channels), empty, kind)
+            for name, (_, empty, kind) in WAYS.items()
+        }
 
     def add(self, stamp_ns: Int, power: Float, period: Float) -> None:
         """Take means over periods, in order of their stamps.
@@ -77,58 +84,36 @@ class HistoryRing:
         starts = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
         known = np.isfinite(power)
         seconds = np.where(known, period[:, None], 0.0)
-        energy = np.where(known, power, 0.0) * seconds
-        table = (
-            np.add.reduceat(energy, starts),
-            np.add.reduceat(seconds, starts),
-            np.minimum.reduceat(np.where(known, power, np.inf), starts),
-            np.maximum.reduceat(np.where(known, power, -np.inf), starts),
-            np.stack(
-                [
-                    np.minimum.reduceat(
-                        stamp_ns - np.rint(period * SECOND_NS).astype(np.int64), starts
-                    ),
-                    np.maximum.reduceat(stamp_ns, starts),
-                ],
-                axis=1,
-            ),
-        )
+        each = {
+            "energy": np.where(known, power, 0.0) * seconds,
+            "time": seconds,
+            "low": np.where(known, power, np.inf),
+            "high": np.where(known, power, -np.inf),
+            "begin": (stamp_ns - np.rint(period * SECOND_NS).astype(np.int64))[:, None],
+            "end": stamp_ns[:, None],
+        }
         keep = slice(max(0, len(starts) - MAX_BUCKETS), None)
-        for one, *values in zip(
-            number[starts][keep].tolist(), *(column[keep] for column in table), strict=True
-        ):
-            self._merge_into(one, *values)
+        found = {name: WAYS[name][0].reduceat(each[name], starts)[keep] for name in WAYS}
+        self._merge_into(number[starts][keep].tolist(), found)
         self.newest = newest_ns // self.width_ns
 
-    def _merge_into(
-        self, number: int, energy: Float, seconds: Float, low: Float, high: Float, edges: Int
-    ) -> None:
-        slot = number % MAX_BUCKETS
-        if self._number[slot] != number:
-            self._number[slot] = number
-            self._energy[slot], self._time[slot] = 0.0, 0.0
-            self._low[slot], self._high[slot] = np.inf, -np.inf
-            self._edges[slot] = edges
-        self._energy[slot] += energy
-        self._time[slot] += seconds
-        self._low[slot] = np.minimum(self._low[slot], low)
-        self._high[slot] = np.maximum(self._high[slot], high)
-        self._edges[slot, 0] = min(self._edges[slot, 0], edges[0])
-        self._edges[slot, 1] = max(self._edges[slot, 1], edges[1])
+    def _merge_into(self, numbers: list[int], found: dict[str, NDArray[Any]]) -> None:
+        for row, number in enumerate(numbers):
+            slot = number % MAX_BUCKETS
+            new, self._number[slot] = self._number[slot] != number, number
+            for name, (way, empty, _) in WAYS.items():
+                held = self._held[name]
+                held[slot] = way(empty if new else held[slot], found[name][row])
 
     def _merge(self) -> None:
         rows = self._rows(MAX_BUCKETS)
-        old = self._number[rows], self._energy[rows], self._time[rows]
-        numbers, energy, seconds = (column.copy() for column in old)
-        low, high, edges = self._low[rows].copy(), self._high[rows].copy(), self._edges[rows].copy()
+        numbers = (self._number[rows] // 2).tolist()
+        held = {name: values[rows] for name, values in self._held.items()}
         width_ns, first, newest = 2 * self.width_ns, self._first, self.newest
         self._begin()
         self.width_ns, self._first = width_ns, first // 2
         self.newest = None if newest is None else newest // 2
-        for row, number in enumerate(numbers.tolist()):
-            self._merge_into(
-                number // 2, energy[row], seconds[row], low[row], high[row], edges[row]
-            )
+        self._merge_into(numbers, held)
 
     def _rows(self, count: int) -> NDArray[np.int64]:
         """Slots of the newest buckets that hold something, in order of time."""
@@ -141,17 +126,17 @@ class HistoryRing:
 
     def energy(self) -> Float:
         """Energy of each channel over the time it was known, shape (channels,). [J]"""
-        return np.asarray(self._energy[self._rows(MAX_BUCKETS)].sum(axis=0))
+        return np.asarray(self._held["energy"][self._rows(MAX_BUCKETS)].sum(axis=0))
 
     def seconds(self) -> Float:
         """Time over which each channel was known, shape (channels,). [s]"""
-        return np.asarray(self._time[self._rows(MAX_BUCKETS)].sum(axis=0))
+        return np.asarray(self._held["time"][self._rows(MAX_BUCKETS)].sum(axis=0))
 
     @property
     def length(self) -> float:
         """Time from the begin of the first period in it to the end of the last. [s]"""
-        edges = self._edges[self._rows(MAX_BUCKETS)]
-        return float(edges[-1, 1] - edges[0, 0]) / SECOND_NS if len(edges) else 0.0
+        begin, end = (self._held[name][self._rows(MAX_BUCKETS)] for name in ("begin", "end"))
+        return float(end[-1, 0] - begin[0, 0]) / SECOND_NS if len(end) else 0.0
 
     def table(self, count: int = MAX_BUCKETS) -> dict[str, Any]:
         """Return the newest buckets as plain values.
@@ -161,9 +146,10 @@ class HistoryRing:
             ``high`` [W] with one list per channel; None where unknown.
         """
         rows = self._rows(count)
+        energy, time, low, high, *_ = (values[rows] for values in self._held.values())
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = self._energy[rows] / self._time[rows]
-        known = self._time[rows] > 0
+            mean = energy / time
+        known = time > 0
 
         def columns(values: Float) -> list[list[float | None]]:
             shown = np.where(known, np.round(values, 1), np.nan).T.tolist()
@@ -173,6 +159,6 @@ class HistoryRing:
             "width": self.width_ns / SECOND_NS,
             "number": self._number[rows].tolist(),
             "mean": columns(mean),
-            "low": columns(self._low[rows]),
-            "high": columns(self._high[rows]),
+            "low": columns(low),
+            "high": columns(high),
         }

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 from typing import Any
 from zoneinfo import ZoneInfo
 
 from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy_history.api import stamp_of
 from robot_energy_history.differences import SLOT_NS
@@ -139,7 +140,7 @@ class Period:
         return f"{self._local(start):%F %H:%M} to {self._local(stop):%H:%M}"
 
     def _local(self, stamp_ns: int) -> datetime:
-        return datetime.fromtimestamp(stamp_ns // SECOND_NS, UTC).astimezone(self.zone)
+        return local_time(stamp_ns, self.zone)
 
     def _wall(self, stamp_ns: int) -> datetime:
         return self._local(stamp_ns).replace(tzinfo=None)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH, SECOND_NS
+from robot_energy.foundation.time_zone import local_time
+from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH
 from robot_energy_history.api import history_friction
 from robot_energy_history.baseline import BAND
 from robot_energy_history.savings import DRIVERS, EnergySavings, savings_by_robot
@@ -47,7 +47,7 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
         period_at("day", instant(first.get(name, ""), zone), zone).start_ns
         for name in ("baseline_start", "baseline_stop")
     )
-    today = day_begin(datetime.fromtimestamp(now_ns // SECOND_NS, zone).date(), zone)
+    today = day_begin(local_time(now_ns, zone).date(), zone)
     reported = period.start_ns, min(period.stop_ns, today)
     if reported[0] >= reported[1] or period.kind == "hour":
         raise HistoryError(f"{period.name}, which has no day that is over", "whole days")

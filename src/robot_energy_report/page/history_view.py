@@ -246,7 +246,7 @@ class HistoryView:
             ended: Of each part of the period, or of all of it.
         """
         earlier = rows_of(self._ended(wish, before, whole=True))
-        means = {(one["robot"], one["job"]): one["microjoule_per_part"] for one in earlier}
+        means = {(one["robot"], one["job"]): one["microjoule_per_part"] / 1e6 for one in earlier}
         sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)
         for one in ended:
             held = sums[one["robot"], one["job"]]
@@ -256,7 +256,7 @@ class HistoryView:
         return [
             {"robot": key[0], "name": key[1], "count": one["parts"],
              "time": one["observed_ns"] / one["parts"] / SECOND_NS, "energy": one[IMPORT] / 1e6,
-             "mean": one[IMPORT] / one["parts"] / 1e6, "before": _joule(means.get(key))}
+             "mean": one[IMPORT] / one["parts"] / 1e6, "before": means.get(key)}
             for key, one in rows[:MAX_JOBS]
         ]  # fmt: skip
 
@@ -270,7 +270,3 @@ class HistoryView:
              "kind": one["kind"], "text": one["text"]}
             for one in rows_of(found)[: -MAX_EVENTS - 1 : -1]
         ]  # fmt: skip
-
-
-def _joule(microjoule: float | None) -> float | None:
-    return None if microjoule is None else microjoule / 1e6

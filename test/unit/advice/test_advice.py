@@ -304,7 +304,8 @@ def test_rests_are_those_of_the_program(bag):
 
 def test_what_overlaps_is_counted_once():
     basis = _basis(
-        RecordedEvidence(observed_time=3600.0, grid_energy=1e6), None, "EUR", None, 1.0, 1.0
+        RecordedEvidence(observed_time=3600.0, grid_energy=1e6),
+        {"hours_per_day": 1.0, "days_per_year": 1.0},
     )
     claim = Claim("speeds", 100.0, np.array([1.0]), "predicted", "", "")
     assert _advice(claim, basis).overlaps == ("warm_up", "regenerative", "shared_bus")

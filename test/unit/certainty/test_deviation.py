@@ -99,6 +99,8 @@ def stds(pipeline: EnergyPipeline) -> dict[str, float]:
         ("joints.0.friction.coulomb", 1e-3, "friction of shoulder"),
         ("joints.1.friction.viscous.viscous", 1e-5, "friction of elbow"),
         ("joints.0.friction.load_coulomb", 1e-3, "friction of shoulder"),
+        ("joints.0.friction.viscous.viscous", 1e-5, "friction of shoulder"),
+        ("joints.0.friction.viscous_exponent.exponent", 1e-3, "friction of shoulder"),
         ("joints.0.losses.constant", 0.05, "drive of shoulder"),
         ("joints.1.losses.linear", 1e-3, "drive of elbow"),
         ("joints.1.losses.quadratic", 1e-5, "drive of elbow"),
@@ -114,6 +116,10 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
     monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
     found = certain(data())
     found["joints"][0]["friction"]["load_coulomb"] = {**robots.figure(0.02), "std": 0.0}
+    found["joints"][0]["friction"]["viscous_exponent"] = {
+        "exponent": {**robots.figure(0.7), "std": 0.0},
+        "velocity": robots.figure(20.0),
+    }
     place(found, path)["std"] = std
     if "friction" in path:
         for joint in found["joints"]:

@@ -100,7 +100,7 @@ def test_json_alone_on_standard_output(capsys):
         (["--temperature", "hot"], "--temperature is 'hot'"),
         (["--temperature", "20,30"], "--temperature is '20,30'"),
         (["--temperature", "500"], "motor temperatures are"),
-        (["--temperature", "20", "--repeat", "0"], "--repeat is 0"),
+        (["--temperature", "20", "--repeat", "0"], "0 repetitions"),
         (["--temperature", "20", "--payload", "-3"], "payload"),
         (["--temperature", "20", "--payload", "3@nowhere"], "nowhere"),
         (["--temperature", "20", "--payload", "3,1"], "--payload is '3,1'"),

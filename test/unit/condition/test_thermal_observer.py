@@ -9,6 +9,7 @@ import robots
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.foundation.errors import StateFileError
+from robot_energy.model.joint import JointFriction
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality, TemperatureBlock
 from robots import figure
@@ -168,6 +169,20 @@ def test_friction_corrects_where_torque_is_measured():
     start, end = open_loop.motor_temperature_degc[[0, -1], 0]
     assert end - start < 3.0
     assert corrected.motor_temperature_degc[-1, 0] > start + 3.0
+
+
+def test_friction_corrects_by_its_power_of_the_speed():
+    """A motor as warm as the model says, friction by the root of the speed: nothing to correct."""
+    model = wheel(capacity=figure(1e5), conductance=figure(1.0))
+    friction = model.joints[0].friction
+    bent = {"exponent": figure(0.5), "velocity": figure(10.0)}
+    entry = JointFriction.model_validate({**friction.model_dump(), "viscous_exponent": bent})
+    model = model.changed(joints=[model.joints[0].model_copy(update={"friction": entry})])
+    viscous = 0.01 + 0.06 * np.exp(-AIR / 25.0)
+    turned = 10.0 * np.sqrt(40.0 / 10.0)  # rad/s, for a speed of 40 rad/s
+    block = turning(seconds=1800.0, effort=0.2 + viscous * turned)
+    _, corrected = played(model, block, meaning=EffortMeaning.MOTOR_TORQUE)
+    assert corrected.motor_temperature_degc[-1, 0] == pytest.approx(AIR, abs=0.5)
 
 
 def test_a_collision_is_no_temperature():

@@ -8,7 +8,7 @@ import yaml
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.foundation.errors import MotionError
+from robot_energy.foundation.errors import MotionError, ParameterError
 from robot_energy.model import load
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.physics.rigid_body import Robot
@@ -120,7 +120,7 @@ def test_a_state_pays_from_its_break_even_on():
 
 @pytest.mark.parametrize(("cycle_time", "state"), [(25.0, None), (60.0, "sleep")])
 def test_a_long_wait_is_spent_asleep(cycle_time, state):
-    found = re.optimize(MOVES, MODEL, 30.0, cycle_time=cycle_time, standby=[STATE])
+    found = re.optimize(MOVES, MODEL, 30.0, cycle_time=cycle_time, rest_states=[STATE])
     names = {one.state for one in found.report.rests}
     assert (state in names) == (state is not None)
     assert found.report.after.duration == pytest.approx(cycle_time)
@@ -143,12 +143,13 @@ def test_what_is_smaller_than_its_band_is_not_claimed():
         ({"cycle_time": 1.0}, "the cycle time is 1 s but the program needs"),
         ({"peak_limit": 300.0}, "cannot be made within the limits"),
         ({"temperature": (60.0, 20.0)}, "two that rise"),
-        ({"peak_limit": -1.0}, "the peak limit is -1"),
-        ({"cycles_per_year": 0.0}, "the number of cycles in a year is 0"),
+        ({"cycle_time": 0.0}, "'cycle_time' of optimize is 0.0; expected a number from 1e-06"),
+        ({"peak_limit": -1.0}, "'peak_limit' of optimize is -1"),
+        ({"cycles_per_year": 0.0}, "'cycles_per_year' of optimize is 0"),
     ],
 )
 def test_impossible_wishes_are_refused(options, text):
-    with pytest.raises(MotionError, match=text):
+    with pytest.raises((MotionError, ParameterError), match=text):
         re.optimize(MOVES, MODEL, **{"temperature": 30.0, **options})
 
 

@@ -83,7 +83,7 @@ def test_a_joint_that_rests_keeps_no_move_slow(tmp_path):
     """Joints 4 and 5 never move and show noise alone; moves 1 and 3 are the same way down."""
     measured(tmp_path / "bag", shares=np.array([0.5, 0.5, 1.0, 1.0]))
     chain = PowerChain(MODEL, np.full((1, 6), 30.0))
-    form = read_form(tmp_path / "bag", MODEL, chain.robot, None, TimeRange())
+    form = read_form(tmp_path / "bag", MODEL, chain.robot)
     # a factor of two by the program; the filter takes more from the peaks of a fast move
     assert ((form.moves.fastest[:2] > 1.4) & (form.moves.fastest[:2] <= 2.0)).all()
     assert form.moves.fastest[2:] == pytest.approx([1.0, 1.0])

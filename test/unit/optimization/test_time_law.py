@@ -6,12 +6,14 @@ import pytest
 import robot_energy as re
 from places import ROOT
 from robot_energy.model import load
-from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy.model.joint import ViscousExponent
+from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
 from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
 from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
 from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain
-from robot_energy_plan.optimization.time_law import LawLimits, PathPower, time_law
+from robot_energy_plan.optimization.time_law import LawLimits, PathPower, path_power, time_law
 from robot_energy_plan.optimization.timed_moves import law_limits, timed_moves
+from robots import figure
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 PARTS = 20
@@ -39,6 +41,26 @@ def test_viscous_friction_against_standby_has_a_known_answer(standing):
     """Least of ``fv w0^2 y + P / y``: ``y = sqrt(P / (fv w0^2))``, here sqrt(P / 100)."""
     law = time_law(flat(viscous=1.0), 0.05, free(), 0.0, standing)
     assert law == pytest.approx(np.full(PARTS + 1, np.sqrt(standing / 100.0)), rel=2e-2)
+
+
+def test_friction_along_a_path_is_that_of_the_model_by_a_power_of_the_speed():
+    """At the speed of the path itself: ``fc sgn(w) + fv wq sgn(w) (|w| / wq)^q`` by hand."""
+    model = load("kr16")
+    bent = ViscousExponent.model_validate({"exponent": figure(0.7), "velocity": figure(30.0)})
+    joints = [
+        joint.model_copy(
+            update={"friction": joint.friction.model_copy(update={"viscous_exponent": bent})}
+        )
+        for joint in model.joints
+    ]
+    chain = PowerChain(model.changed(joints=joints), np.full((1, 6), 40.0))
+    still = np.zeros((3, 6))
+    speed = np.array([[1.0], [-0.1], [0.0]]) * np.ones(6)
+    found = path_power(chain, Trajectory(still, speed, still))
+    w, fv = found.speed, chain.friction.viscous(np.full(6, 40.0))
+    along = fv * 30.0 * np.sign(w) * (np.abs(w) / 30.0) ** 0.7
+    np.testing.assert_allclose(found.viscous, along)
+    np.testing.assert_allclose(found.friction[1], (along * w).sum(axis=1))
 
 
 def test_copper_loss_counts_with_the_time_it_flows():

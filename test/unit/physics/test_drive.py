@@ -97,6 +97,22 @@ def test_loss_map_by_hand():
     np.testing.assert_array_equal(outside[:, 0], [False, False, True, True, False, False])
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_no_loss_map_falls_with_speed_or_torque_inside_or_beyond_its_knots(seed):
+    """Of maps drawn at random, whose slopes fall along the other axis as often as they rise."""
+    loss = np.random.default_rng(seed).uniform(0.0, 10.0, (4, 4))
+    loss = np.sort(np.sort(loss, axis=0), axis=1)  # rises along both
+    knots = {"motor_velocity": [0.0, 1.0, 3.0, 6.0], "motor_torque": [0.0, 1.0, 2.0, 3.0]}
+    drawn = LossMap(**knots, loss=loss.tolist(), tag="identified")
+    speed, torque = np.meshgrid(np.linspace(0.0, 20.0, 81), np.linspace(0.0, 12.0, 73))
+    wide = [values.reshape(-1, 1) for values in (speed * torque, speed, torque)]
+    power, outside = LossMaps([drawn]).input_power(*wide, np.full((speed.size, 1), 20.0))
+    found = (power - wide[0]).reshape(speed.shape)
+    assert 0 < outside.sum() < outside.size
+    for axis in (0, 1):
+        assert np.diff(found, axis=axis).min() > -1e-9
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

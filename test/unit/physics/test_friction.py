@@ -134,9 +134,13 @@ def test_unknown_temperature_gives_nan():
     assert np.isnan(exponential().viscous(np.nan))
 
 
-def friction(**entries):
+def friction_entry(**entries):
     base = {"coulomb": figure(0.5), "viscous": {"law": "constant", "viscous": figure(0.02)}}
-    return FrictionModel([JointFriction.model_validate({**base, **entries})])
+    return JointFriction.model_validate({**base, **entries})
+
+
+def friction(**entries):
+    return FrictionModel([friction_entry(**entries)])
 
 
 def torque(model, velocity, rigid=0.0):
@@ -168,6 +172,29 @@ def test_optional_terms_by_hand():
     limit = friction(load_coulomb=figure(0.1), load_saturation=figure(4.0))
     np.testing.assert_allclose(torque(limit, [10.0, -10.0], rigid=-7.0), [0.5 + 0.4 + 0.2, -1.1])
     np.testing.assert_allclose(torque(limit, [10.0, -10.0], rigid=-3.0), [0.5 + 0.3 + 0.2, -1.0])
+
+
+def test_a_viscous_exponent_bends_the_axis_that_has_one_and_leaves_the_other():
+    bent = friction_entry(viscous_exponent={"exponent": figure(0.5), "velocity": figure(25.0)})
+    both = FrictionModel([bent, friction_entry()])
+    speed = np.array([[100.0, 100.0], [-4.0, -4.3], [0.0, 0.0]])
+    np.testing.assert_allclose(both.viscous_velocity(speed)[:, 0], [50.0, -10.0, 0.0])
+    given = (np.zeros((3, 2)), np.full((3, 2), 0.5), np.full((3, 2), 0.02))
+    found = both.torque(speed, *given, np.zeros((3, 2), dtype=bool))
+    np.testing.assert_allclose(found[:, 0], [0.5 + 1.0, -0.5 - 0.2, 0.0])
+    np.testing.assert_array_equal(found[:, 1], torque(friction(), speed[:, 1]))
+    assert friction().viscous_velocity(speed) is speed
+
+
+@pytest.mark.parametrize("key", ["exponent", "velocity"])
+def test_a_viscous_exponent_of_zero_is_refused(key):
+    term = {"exponent": figure(0.5), "velocity": figure(25.0), key: figure(0.0)}
+    with pytest.raises(ValidationError, match=f"{key} must be > 0, found 0"):
+        friction_entry(viscous_exponent=term)
+
+
+def test_a_model_without_a_viscous_exponent_keeps_its_identity():
+    assert "viscous_exponent" not in friction_entry().model_dump()
 
 
 def test_standing_axis_has_no_friction_torque():

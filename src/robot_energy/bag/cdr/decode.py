@@ -118,12 +118,12 @@ class _Layout:
         self.memory = 2 * found.end + _PART_BYTES * (found.parts + len(found.spans))
         self._spans, self._exact = found.spans, exact
         self._message = data[: found.end]
-        self._views: dict[str, View] | None = None
-        plain = len(columns) <= kernels.MAX_COLUMNS
-        for column in columns.values():
-            plain = plain and (column.plain if isinstance(column, View) else _constant(column))
-        if plain and kernels.compiled is not None:
-            self._views = {path: c for path, c in columns.items() if isinstance(c, View)}
+        self._views = {path: c for path, c in columns.items() if isinstance(c, View)}
+        self._constants = {p: c for p, c in columns.items() if isinstance(c, str | tuple)}
+        self._places = tuple(view.offset for view in self._views.values())
+        self._plain = len(columns) == len(self._views) + len(self._constants)
+        self._plain &= len(columns) <= kernels.MAX_COLUMNS
+        self._plain &= all(view.plain for view in self._views.values())
 
     @cached_property
     def _row(self) -> np.dtype[np.void]:
@@ -179,20 +179,18 @@ class _Layout:
         self, index: NDArray[np.int64], buffer: NDArray[np.uint8], offset: NDArray[np.int64]
     ) -> Run | None:
         """Return the columns of messages by the kernel; None if it cannot, or some do not agree."""
-        if self._views is None or kernels.compiled is None:
+        if not self._plain or kernels.compiled is None:
             return None
         rows = len(offset)
         outs = {
             path: np.empty((rows, *view.shape), view.native, order="F")
             for path, view in self._views.items()
         }
-        places = tuple(view.offset for view in self._views.values())
         begin, end = self._edges
         agree = kernels.compiled.columns(
-            buffer, offset, self._message, begin, end, places, tuple(outs.values())
+            buffer, offset, self._message, begin, end, self._places, tuple(outs.values())
         )
-        constants = {p: c for p, c in self.columns.items() if isinstance(c, str | tuple)}
-        return Run(index, {**constants, **outs}) if agree else None
+        return Run(index, {**self._constants, **outs}) if agree else None
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
         """Return the columns of rows that agree."""
@@ -272,7 +270,8 @@ class Decoder:
             lonely = lonely + 1 if before - len(pending) == 1 else 0
         if len(pending):
             self._walk_each(batch, pending, runs, malformed)
-        runs.sort(key=_first_row)
+        if len(runs) > 1:
+            runs.sort(key=lambda run: int(run.rows[0]))
         return Decoded(runs, np.array(sorted(malformed), dtype=np.int64))
 
     def _take(
@@ -376,14 +375,6 @@ class Decoder:
 def _key(found: Walk, data: bytes) -> bytes:
     """Return what is equal in messages of one layout."""
     return b"".join([data[start:stop] for start, stop in found.spans])
-
-
-def _constant(column: Column | Plan) -> bool:
-    return isinstance(column, str | tuple)
-
-
-def _first_row(run: Run) -> int:
-    return int(run.rows[0])
 
 
 def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:

@@ -157,10 +157,13 @@ class JointStateReader:
             is NaN where the message lacks it; velocity and effort are also where it has none.
         """
         self._log.received += sum(map(len, batches))
-        read = [(batch, self._batch(batch)) for batch in batches if len(batch)]
-        for batch, (part, rows) in read:
-            self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
-        read = [entry for entry in read if len(entry[1][0])]
+        read: list[tuple[RawBatch, tuple[JointBlock, Int]]] = []
+        for batch in batches:
+            if len(batch):
+                part, rows = self._batch(batch)
+                self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
+                if len(part):
+                    read.append((batch, (part, rows)))
         if not read:
             return None
         return self._merged(read) if len(read) > 1 else read[0][1][0]

@@ -35,9 +35,9 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
-from robot_energy.timeline.epochs import Reach
+from robot_energy.timeline.epochs import EpochRun, Reach
 from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
-from robot_energy.timeline.streams import StreamRun, StreamSplitter, sentence_of
+from robot_energy.timeline.streams import StreamSplitter, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -288,21 +288,28 @@ class JointStateIngest:
         self.order.interrupt()
 
     def _samples(
-        self, runs: Sequence[StreamRun[JointBlock]], closing: bool = False
+        self, runs: Sequence[tuple[JointBlock, EpochRun]], closing: bool = False
     ) -> JointBlock | None:
-        """Make samples of messages that are known to belong to their epoch."""
+        """Make samples of messages that are known to belong to their epoch; count what waits."""
         parts: list[JointBlock] = []
-        for run in runs:
+        for block, run in runs:
             if run.new_epoch:
                 parts += self._end_of_epoch()
                 self.conflicts.begin_epoch(run.restless, run.first_ns)
                 self._merger.begin_epoch()
                 self._broken = True
-            if (part := self._use(self._merger.step(run))) is not None:
+            if (part := self._use(self._merger.step(block, run.rising))) is not None:
                 parts.append(part)
         if closing:
             parts += self._end_of_epoch()
-        return self._finished(parts)
+        rejections, first = self.rejections, int(self._stream.epochs.beginning)
+        rejections.accepted += first - self._first
+        self._first = first
+        stream, merger = self._stream, self._merger
+        rejections.waiting = merger.lead.shape[1] - first
+        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
+            rejections.waiting += 0 if holder.held is None else len(holder.held)
+        return self._finished(JointBlock.concatenate(parts)) if parts else None
 
     def _end_of_epoch(self) -> list[JointBlock]:
         """Take what waits for later messages of the epoch that ends."""
@@ -318,19 +325,9 @@ class JointStateIngest:
             self._broken = False
         return self.conflicts.step(samples)
 
-    def _finished(self, parts: list[JointBlock]) -> JointBlock | None:
-        """Number the segments, mark what is doubtful, and bring the account up to date."""
-        rejections, first = self.rejections, int(self._stream.epochs.beginning)
-        rejections.accepted += first - self._first
-        self._first = first
-        stream, merger = self._stream, self._merger
-        rejections.waiting = merger.lead.shape[1] - first
-        for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
-            rejections.waiting += 0 if holder.held is None else len(holder.held)
-        if not parts:
-            return None
-        samples = JointBlock.concatenate(parts)
-        rejections.accepted += len(samples)
+    def _finished(self, samples: JointBlock) -> JointBlock:
+        """Count samples, number their segments and mark what is doubtful."""
+        self.rejections.accepted += len(samples)
         self.samples += len(samples)
         before = self.order.segment
         broken = samples.quality > 0

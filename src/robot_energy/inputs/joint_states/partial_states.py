@@ -12,7 +12,7 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Quality
 from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
-from robot_energy.timeline.streams import OLDER, StreamRun
+from robot_energy.timeline.streams import OLDER
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
 SAME_STAMP = "conflicting_stamp"  # the reason under which messages that contradict it are counted
@@ -126,13 +126,16 @@ class PartialStateMerger:
             _Track(self._steps.joint(joint), self._max_gap) for joint in range(self._n_joints)
         ]
 
-    def step(self, run: StreamRun[JointBlock]) -> JointBlock | None:
-        """Return the samples that messages of one epoch complete, or None."""
-        block = run.block
+    def step(self, block: JointBlock, rising: bool) -> JointBlock | None:
+        """Return the samples that messages of one epoch complete, or None.
+
+        Args:
+            rising: Whether it is known that each stamp is newer than all before.
+        """
         if self.in_parts or not len(block):
             return self._merge(block) if len(block) else None
         if not bool(np.isnan(block.joint_position.sum())):
-            return self._whole(block, run.rising)
+            return self._whole(block, rising)
         partial = np.isnan(block.joint_position).any(axis=1)
         first = int(np.argmax(partial)) if bool(partial.any()) else len(block)
         whole = self._whole(block[slice(0, first)]) if first else None

@@ -20,9 +20,9 @@ from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
 from robot_energy.inputs.parameters import HEADER, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.timeline.epochs import Reach
+from robot_energy.timeline.epochs import EpochRun, Reach
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
-from robot_energy.timeline.streams import StreamRun, StreamSplitter, joined, sentence_of
+from robot_energy.timeline.streams import StreamSplitter, joined, sentence_of
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -146,7 +146,7 @@ class MeterIngest:
         clock = sentence_of(self.epochs, f"readings of the meter on {topics}", remedy, within)
         return [clock] if clock else []
 
-    def _taken(self, runs: list[StreamRun[MeterBlock]]) -> MeterBlock | None:
+    def _taken(self, runs: list[tuple[MeterBlock, EpochRun]]) -> MeterBlock | None:
         """Bring the account up to date."""
         refused, waiting = self._stream.refused, self._stream.waiting
         strays = 0 if refused is None else len(refused)

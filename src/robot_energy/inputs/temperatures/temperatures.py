@@ -13,10 +13,9 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
 from robot_energy.timeline.blocks import NANOSECOND, Int, TemperatureBlock
-from robot_energy.timeline.epochs import STRAY_STAMP, slow_reach
+from robot_energy.timeline.epochs import STRAY_STAMP, EpochRun, slow_reach
 from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, newest_by_epoch
 from robot_energy.timeline.streams import (
-    StreamRun,
     StreamSplitter,
     apart_sentence,
     joined,
@@ -187,7 +186,7 @@ class TemperatureIngest:
         """Return what still waits and is not an outlier, as at the end of a bag."""
         return self._taken(self._stream.flush())
 
-    def _taken(self, runs: list[StreamRun[_Arrived]]) -> TemperatureBlock | None:
+    def _taken(self, runs: list[tuple[_Arrived, EpochRun]]) -> TemperatureBlock | None:
         """Bring the accounts up to date."""
         held, refused = self._stream.held, self._stream.refused
         for number, reader in enumerate(self.readers):

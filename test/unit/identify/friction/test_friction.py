@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rich.console import Console
-from scipy.optimize import curve_fit
+from scipy.optimize import curve_fit, least_squares
 
 from logbook import mapping, write_csv
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
@@ -136,6 +136,84 @@ def test_friction_by_load_that_is_not_there_is_not_written():
     assert fit.entry(stated, "test").load_coulomb is None
     logged = fit_friction(measurement(minutes=5))  # bodies unknown: nothing is said of it
     assert logged.entry(stated, "test").load_coulomb == before.coulomb
+
+
+def bent(exponent, seed=0, minutes=15):
+    """The same axis with viscous friction by a power of the speed, which is as before at 120."""
+    data = measurement(seed, minutes)
+    w, fv = data.motor_velocity, viscous(data.motor_temperature_degc)
+    power = 120.0 * np.sign(w) * (np.abs(w) / 120.0) ** exponent
+    return replace(data, friction_torque=data.friction_torque + fv * (power - w))
+
+
+@pytest.mark.parametrize("exponent", [0.6, 0.75, 1.3])
+def test_a_viscous_exponent_comes_back_beside_the_temperature_law(exponent):
+    """Within its deviations, and as a fit of all figures at once by scipy says."""
+    data = bent(exponent)
+    fit = fit_friction(data, "bag")
+    found, std, velocity = fit.exponent
+    assert found == pytest.approx(exponent, abs=3 * std)
+    assert std < 0.02
+    assert fit.chosen == "exponential"
+    assert fit.coulomb == pytest.approx(COULOMB, abs=4 * fit.coulomb_std)
+    assert any("viscous exponent" in text for text in fit.warnings)
+    entry = fit.entry(load("kr16").joints[0].friction, "bag")
+    assert entry.viscous_exponent.exponent.value == found
+    assert entry.viscous_exponent.exponent.std == std
+    assert entry.viscous_exponent.velocity.value == velocity
+    kept = np.abs(data.motor_velocity) > 0.03 * 300.0
+
+    def error(x):
+        w, degc = data.motor_velocity[kept], data.motor_temperature_degc[kept]
+        along = (
+            x[0] + (x[1] + x[2] * np.exp(-degc / x[3])) * np.abs(w / velocity) ** x[4] * velocity
+        )
+        return data.friction_torque[kept] - x[5] - np.sign(w) * along
+
+    start, sizes = [0.5, 2e-3, 9e-3, 20.0, 1.0, 0.0], [1.0, 1e-3, 1e-3, 10.0, 1.0, 1.0]
+    plain = least_squares(error, start, x_scale=sizes, loss="huber", f_scale=1.345 * 0.05)
+    assert found == pytest.approx(plain.x[4], abs=0.5 * std)
+    assert fit.coulomb == pytest.approx(plain.x[0], abs=0.5 * fit.coulomb_std)
+    law = viscous_law(fit.law)
+    for degc in (25.0, 45.0, 65.0):
+        scipy = plain.x[1] + plain.x[2] * np.exp(-degc / plain.x[3])
+        assert float(law.viscous(degc)) == pytest.approx(scipy, rel=0.003)
+
+
+def test_a_viscous_exponent_and_friction_by_load_come_back_together():
+    data, straight = loaded(0.06), measurement(minutes=15)
+    curve = bent(0.7).friction_torque - straight.friction_torque
+    fit = fit_friction(replace(data, friction_torque=data.friction_torque + curve))
+    assert fit.load[0] == pytest.approx(0.06, abs=3 * fit.load[1])
+    assert fit.exponent[0] == pytest.approx(0.7, abs=3 * fit.exponent[1])
+    assert fit.coulomb == pytest.approx(COULOMB, abs=3 * fit.coulomb_std)
+
+
+def test_a_viscous_exponent_that_is_not_there_is_not_written():
+    """Over ten recordings of friction in proportion to speed; a term of an earlier file goes."""
+    for seed in range(10):
+        fit = fit_friction(measurement(seed, minutes=5))
+        assert fit.exponent is None
+    before = fit_friction(bent(0.6), "bag").entry(load("kr16").joints[0].friction, "bag")
+    assert before.viscous_exponent is not None
+    assert fit.entry(before, "bag").viscous_exponent is None
+
+
+def test_a_viscous_exponent_that_gains_too_little_is_not_written():
+    """It is surely below 1, but what was held out gains less than 2 %."""
+    fit = fit_friction(bent(0.9))
+    assert fit.exponent is None
+    assert fit.coulomb > COULOMB + 8 * fit.coulomb_std
+
+
+def test_the_interval_of_a_viscous_exponent_covers_the_truth():
+    """Two standard deviations over 20 short recordings: about 95 %."""
+    inside = [0, 0]
+    for seed in range(20):
+        fit = fit_friction(bent(0.5, seed, minutes=5))
+        inside[0] += abs(fit.exponent[0] - 0.5) <= 2.0 * fit.exponent[1]
+        inside[1] += abs(fit.coulomb - COULOMB) <= 2.0 * fit.coulomb_std
+    assert min(inside) >= 17, inside
 
 
 def test_a_drift_during_the_measurement_does_not_bias_the_points():

@@ -53,6 +53,21 @@ def test_an_axis_at_one_temperature_is_right_at_others(lenders):
     assert share_shape(fits, axes)[:3] == fits[:3]
 
 
+def test_an_axis_at_one_temperature_keeps_its_viscous_exponent(lenders):
+    data = axis("cold", 2.0, (22.0, 24.0), 7)
+    w, fv = data.motor_velocity, 2.0 * viscous(data.motor_temperature_degc)
+    power = 120.0 * np.sign(w) * (np.abs(w) / 120.0) ** 0.6
+    bent = replace(data, friction_torque=data.friction_torque + fv * (power - w))
+    axes = [*lenders, bent]
+    lent = share_shape(fit_axes(axes)[0], axes, "bags")[-1]
+    exponent, std, velocity = lent.exponent
+    assert lent.chosen == "exponential"
+    assert exponent == pytest.approx(0.6, abs=3 * std)
+    unit = velocity * (120.0 / velocity) ** 0.6 / 120.0  # fv by the other velocity
+    found = viscous_law(lent.law).viscous(np.array([22.0, 60.0])) * unit
+    np.testing.assert_allclose(found, 2.0 * viscous(np.array([22.0, 60.0])), rtol=0.08)
+
+
 def test_an_axis_at_one_speed_says_coulomb_by_what_temperature_does(lenders):
     data = axis("even", 2.0)
     random = np.random.default_rng(1)

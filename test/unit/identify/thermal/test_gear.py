@@ -127,6 +127,16 @@ def with_gear(model, time, rise, power):
     return validate(data, "with a gear")
 
 
+def with_exponent(model, exponent):
+    data = model.model_dump(exclude_none=True, mode="json")
+    data["urdf"] = {"xml": model.urdf_xml}
+    figures = {"exponent": exponent, "velocity": 5.0}
+    data["joints"][0]["friction"]["viscous_exponent"] = {
+        key: {"value": value, "tag": "assumed"} for key, value in figures.items()
+    }
+    return validate(data, "with an exponent")
+
+
 def recording_of(model, truth, seconds):
     """What a model that follows the motor says of work whose meter follows the truth."""
     block = turning(seconds)
@@ -148,8 +158,9 @@ def recording_of(model, truth, seconds):
     return Recording(Path("x"), model, torque, power, None, "", (), known=(compared,))
 
 
-def test_a_meter_shows_two_figures_for_all_gears():
-    model = wheel(gear=False)
+@pytest.mark.parametrize("exponent", [1.0, 0.7])
+def test_a_meter_shows_two_figures_for_all_gears(exponent):
+    model = with_exponent(wheel(gear=False), exponent)
     power = float(recording_of(model, model, 1800).power.friction_power.mean())
     truth = with_gear(model, 1200.0, 15.0, power)
     found = gears_by_meter([recording_of(model, truth, 1800)], 20.0, "bag")
