@@ -162,7 +162,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
 
     read = None if minutes is None else minutes.take
     setup = ReplaySetup.of(options)
-    result = replay(path, model, setup, on_output=take, on_reading=read, keep_compared=True)
+    result = replay(path, model, setup, on_output=take, on_reading=read, on_compared=errors.compare)
     report, totals = replay_report(result), result.account.totals()
     rows = joints.table(result.pipeline.condition.wear)
     start_ns = report.time.start_ns
@@ -181,7 +181,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "jobs_left_out": _left_out(options.get("jobs"), result, report),
         "hours": hours.table(),
         "joints": [own | more for own, more in zip(rows, _joints(totals), strict=True)],
-        "meter_errors": errors.table(result.compared if result.topics.meter else ()),
+        "meter_errors": errors.table(),
     }
     sealed = _sealed(bag, bag.name, row, day, report.time.observed_time)
     if minutes is None:

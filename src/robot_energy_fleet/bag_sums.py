@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from robot_energy_plan.consecutive import ConsecutiveBlocks
 
 SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
 OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(len(SUMS))
+LAST_NS = 2**62  # behind all stamps
 BIN = 5.0  # width of a bin of temperature [K]
 
 
@@ -85,9 +85,15 @@ class MeterErrors:
     """Remembers how warm the motors were, once a second, and sums the errors by it."""
 
     def __init__(self) -> None:
-        self._stamps: list[Int] = []
-        self._degc: list[Float] = []
+        self._stamp_ns: Int = np.empty(0, dtype=np.int64)
+        self._degc: Float = np.empty(0)
         self._second = -1
+        self._waiting: list[Compared] = []
+        self._sums: dict[int, Float] = {}  # by bin: time [ns], measured, error, squares of it
+
+    def compare(self, compared: Compared) -> None:
+        """Take what became comparable with the meter, before the step of the same samples."""
+        self._waiting.append(compared)
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave."""
@@ -97,33 +103,40 @@ class MeterErrors:
         new = np.flatnonzero(np.diff(second, prepend=self._second))
         self._second = int(second[-1])
         if len(new):
-            self._stamps.append(block.stamp_ns[new])
-            self._degc.append(block.motor_temperature_degc[new].mean(axis=1))
+            warm = block.motor_temperature_degc[new].mean(axis=1)
+            self._stamp_ns = np.concatenate([self._stamp_ns, block.stamp_ns[new]])
+            self._degc = np.concatenate([self._degc, warm])
+        self._sum(int(block.stamp_ns[-1]))
 
-    def table(self, compared: Sequence[Compared]) -> list[dict[str, Any]]:
-        """Return one row for each bin with errors, of plain values."""
-        if not self._stamps or not compared:
-            return []
-        pieces = Compared.concatenate(list(compared))
-        stamps, degc = np.concatenate(self._stamps), np.concatenate(self._degc)
-        order = np.argsort(stamps, kind="stable")  # stamps may jump back
-        place = np.searchsorted(stamps[order], pieces.stamp_ns, side="right") - 1
-        warm = degc[order][np.maximum(place, 0)]
-        used = np.isfinite(warm) & (pieces.duration_ns > 0)
+    def table(self) -> list[dict[str, Any]]:
+        """Return one row for each bin with errors, of plain values, after the last step."""
+        self._sum()
+        return [
+            {
+                "degc": (number + 0.5) * BIN,
+                "compared_ns": int(sums[0]),
+                "measured": float(sums[1]),
+                "error": float(sums[2]),
+                "error_squares": float(sums[3]),
+            }
+            for number, sums in sorted(self._sums.items())
+        ]
+
+    def _sum(self, until_ns: int = LAST_NS) -> None:
+        """Sum what the meter had reported by a time; the temperature of the rest is to come."""
+        if not self._waiting or not len(self._stamp_ns):
+            return
+        whole = Compared.concatenate(self._waiting)
+        later = whole.stamp_ns > until_ns
+        self._waiting = [whole[later]] if later.any() else []
+        order = np.argsort(self._stamp_ns, kind="stable")  # stamps may jump back
+        place = np.searchsorted(self._stamp_ns[order], whole.stamp_ns, side="right") - 1
+        warm = self._degc[order][np.maximum(place, 0)]
+        used = np.isfinite(warm) & (whole.duration_ns > 0) & ~later
         number = np.floor(warm[used] / BIN).astype(np.int64)
-        time_ns, measured = pieces.duration_ns[used], pieces.measured[used]
-        error = pieces.predicted[used] - measured
-        rows: list[dict[str, Any]] = []
+        pieces = whole[used]
+        error = pieces.predicted - pieces.measured
+        squares = error**2 / (pieces.duration_ns * NANOSECOND)
+        sums = np.stack([pieces.duration_ns, pieces.measured, error, squares])
         for one in np.unique(number).tolist():
-            own = number == one
-            squares = error[own] ** 2 / (time_ns[own] * NANOSECOND)
-            rows.append(
-                {
-                    "degc": (one + 0.5) * BIN,
-                    "compared_ns": int(time_ns[own].sum()),
-                    "measured": float(measured[own].sum()),
-                    "error": float(error[own].sum()),
-                    "error_squares": float(squares.sum()),
-                }
-            )
-        return rows
+            self._sums[one] = self._sums.get(one, 0.0) + sums[:, number == one].sum(axis=1)

@@ -21,7 +21,6 @@ DOUBLED = (1800 * SECOND, 3600 * SECOND)  # how far local times step back at the
 EPOCH, ELAPSED = datetime(1970, 1, 1), datetime(1900, 1, 1)  # of strptime without a date
 EXCEL_DAYS = 25_569  # from 1899-12-30, where Excel's days begin, to 1970
 MAX_EXPONENT = 30  # of a number that can be a time
-PLAIN_WHOLE = r"^[0-9]{1,18}$"
 BEYOND_MICROSECONDS = re.compile(r"[.,]\d{6}(\d{1,3})")
 CLOCKS = ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%H:%M", "%I:%M:%S %p")
 DAYS = (
@@ -95,14 +94,16 @@ class Instants:
         parts = column.str.splitn(".", 2).struct.unnest()
         whole, rest = parts.get_columns()
         rest = rest.fill_null("")
-        if not (
-            whole.str.contains(PLAIN_WHOLE).all()
-            and rest.str.contains(f"^[0-9]{{0,{digits}}}$").all()
-            and whole.cast(pl.Int64).to_numpy().max() < LATEST_NS // 10**digits
+        first, longest = whole.min(), rest.str.len_bytes().max()
+        found = (whole + rest.str.pad_end(digits, "0")).cast(pl.Int64, strict=False)
+        if (
+            not (isinstance(first, str) and first >= "0")  # no sign, space or empty cell
+            or not (isinstance(longest, int) and longest <= digits)
+            or found.null_count()
         ):
             return None
-        fine = ("0" + rest.str.pad_end(digits, "0")).cast(pl.Int64)
-        return (whole.cast(pl.Int64) * 10**digits + fine).to_numpy()
+        instants = found.to_numpy()
+        return instants if instants.max() < LATEST_NS else None
 
     def _read(self, cell: str | None) -> tuple[int | None, bool]:
         """The instant of a cell, and whether it is a date that has no zone."""

@@ -163,8 +163,8 @@ def _judge_advice(folder: Path, seed: int, training: Sequence[Recorded]) -> list
     model = drawn.identified(training)
     plant = AdvisedPlant(folder, seed)
     sums = EvidenceSums(model)
-    result = replay(plant.recorded(), model, on_output=sums.take, keep_compared=True)
-    evidence = sums.evidence(result.compared)
+    replay(plant.recorded(), model, on_output=sums.take, on_compared=sums.compare)
+    evidence = sums.evidence(metered=True)
     evidence.measured_temperature = True
     nothing = {"compared_time": 0.0, "measured": 0.0, "predicted": 0.0}
     rests = [replace(rest, **nothing) for rest in evidence.rests]

@@ -171,8 +171,8 @@ def judged_pair(name: str, plant: int, one: DriveWork, other: DriveWork) -> Judg
 def judged_advice(plant: int, work: DriveWork) -> list[JudgedBus]:
     """Return what `robot-energy advise` claims of one recording, and the mean truth over starts."""
     sums = EvidenceSums(work.model)
-    result = replay(work.bag, work.model, on_output=sums.take, keep_compared=True)
-    claim = shared_bus(sums.evidence(result.compared), work.model)
+    replay(work.bag, work.model, on_output=sums.take)
+    claim = shared_bus(sums.evidence(), work.model)
     if claim is None:
         return []
     random = np.random.default_rng(np.random.SeedSequence(plant, spawn_key=(0x737461,)))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel, ChunkIndex, McapRecord, MetadataIndex, Schema
 
 CHUNK_SIZE = 2**20  # bytes of records, beyond which a chunk ends
-LEVEL = 1  # of zstandard: stamps and figures become no smaller by a higher one
+LEVEL = -1  # of zstandard: 2 to 3 % larger than by 1, in two thirds of the time
 HEAD = FRAME.size + MESSAGE_FIXED  # bytes before a message
 _HEAD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),

@@ -143,7 +143,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             source,
             np.concatenate([times for _, times, _ in parts])[order],
             np.array([part.shape[1] for part in frames])[source],
-            b"".join(piece.data for piece in pieces),
+            pieces[0].data.cast("B") if len(pieces) == 1 else b"".join(p.data for p in pieces),
         )
 
     def write_in_order(self, messages: Iterable[tuple[int, str, bytes]]) -> None:
@@ -167,7 +167,12 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             )
 
     def _append(
-        self, topics: Sequence[str], source: Int, time_ns: Int, size: Int, records: bytes
+        self,
+        topics: Sequence[str],
+        source: Int,
+        time_ns: Int,
+        size: Int,
+        records: bytes | memoryview,
     ) -> None:
         """Append Message records of topics, each with the number of its topic."""
         self._check_open()

@@ -28,6 +28,7 @@ from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import PowerBlock
+from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.time_series import TimeSeries
 
 FALLBACK = "fallback"  # instead of a temperature: the model's
@@ -123,8 +124,9 @@ def replay(
             means.append(output.means)
 
     setup = ReplaySetup.of(options)
-    result = bag_replay.replay(bag, used, setup, on_output=take, keep_compared=True)
-    compared, names = result.compared if result.topics.meter else None, used.joint_names
+    pieces: list[Compared] = []
+    result = bag_replay.replay(bag, used, setup, on_output=take, on_compared=pieces.append)
+    compared, names = pieces if result.topics.meter else None, used.joint_names
     if blocks:
         power = sample_table(PowerBlock.concatenate(blocks), names, compared, used.unmodelled)
     elif means:

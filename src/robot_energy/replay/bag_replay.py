@@ -63,7 +63,6 @@ class Replay:
         predicted_curve: Predicted energy from the grid over time, where curves were asked for.
         compared_curve: Energy at the meter over time, likewise: measured, predicted as the meter
             shows it, and drawn; the sums of the first and the last are those of the comparison.
-        compared: What became comparable with the meter in each step, where that was asked for.
         power_error: Predicted minus measured power at the meter, from reading to reading.
         origin: Where the recording comes from, as its writer said; empty if it did not.
         auxiliary: Accounting of meters and states of auxiliary loads, by load.
@@ -84,7 +83,6 @@ class Replay:
     notes: list[str] = field(default_factory=list[str])
     predicted_curve: EnergyCurve | None = None
     compared_curve: EnergyCurve | None = None
-    compared: list[Compared] = field(default_factory=list[Compared])
     power_error: PowerErrorSums = field(default_factory=PowerErrorSums)
     origin: str = ""
     jobs: RecordedJobs = field(default_factory=lambda: RecordedJobs(()))
@@ -104,7 +102,7 @@ def replay(
     on_output: Callable[[Output], None] | None = None,
     on_reading: Callable[[EnergyAccount, int], None] | None = None,
     keep_curves: bool = False,
-    keep_compared: bool = False,
+    on_compared: Callable[[Compared], None] | None = None,
 ) -> Replay:
     """Return the energy account of a bag, and the rejection log of every input.
 
@@ -114,7 +112,8 @@ def replay(
         on_reading: Called with the account, and the UTC minute up to which it has counted all
             samples or 0, as `EnergyAccount.on_reading`, and at the end.
         keep_curves: Whether to return energies over time for plots (in bounded memory).
-        keep_compared: Whether to return all that was compared (memory grows with the bag).
+        on_compared: Called with what became comparable with the meter, before `on_output` of the
+            same step.
     """
     setup = setup or ReplaySetup()
     settings, inputs, processes = setup.settings, setup.inputs, setup.processes
@@ -173,8 +172,8 @@ def replay(
 
     def take(compared: Compared) -> None:
         result.power_error.step(compared)
-        if keep_compared:
-            result.compared.append(compared)
+        if on_compared is not None:
+            on_compared(compared)
         if result.compared_curve is not None:
             add_compared(result.compared_curve, compared)
 

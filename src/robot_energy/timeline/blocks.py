@@ -126,8 +126,11 @@ class HeldRows:
     ndim = 1  # of arrays of one value per sample, which it is cut as
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
-        """Return what holds at some of the samples."""
-        return HeldRows(self.values, self.row[rows], self.begins[rows])
+        """Return what holds at some of the samples, without values of others before or behind."""
+        row = self.row[rows]
+        first = int(row.min()) if len(row) else 0
+        last = int(row.max()) if len(row) else 0
+        return HeldRows(self.values[first : last + 1], row - first, self.begins[rows])
 
     @staticmethod
     def concatenate(parts: Sequence[HeldRows]) -> HeldRows:

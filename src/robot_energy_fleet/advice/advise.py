@@ -241,9 +241,9 @@ def _recorded(
 ) -> RecordedEvidence:
     sums = EvidenceSums(model)
     setup = ReplaySetup.of(options)
-    result = replay(path, model, setup, on_output=sums.take, keep_compared=True)
+    result = replay(path, model, setup, on_output=sums.take, on_compared=sums.compare)
     at_grid = result.account.comparison.location is MeterLocation.GRID
-    found = sums.evidence(result.compared if result.topics.meter and at_grid else [])
+    found = sums.evidence(at_grid)
     time = result.account.registers.time
     found.start_ns, found.end_ns = time.start_ns, time.end_ns
     found.measured_temperature = bool(result.topics.temperatures)

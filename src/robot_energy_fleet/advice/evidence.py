@@ -11,7 +11,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int, PowerBlock, TorqueBlock
+from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
 from robot_energy_plan.consecutive import ConsecutiveBlocks
 from robot_energy_plan.optimization.deviations import DeviationSums
@@ -144,6 +144,7 @@ class EvidenceSums:
         self._drive = drive_from_model(model)
         self._energy = self._time = self._brake = 0.0
         self._rests: list[RecordedRest] = []
+        self._compared: list[Compared] = []
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave.
@@ -165,11 +166,21 @@ class EvidenceSums:
         self._position = position[-1:]
         if len(block) > 1:
             self._add(block, time, position)
+        self._measure(int(block.stamp_ns[-1]))
 
-    def evidence(self, compared: list[Compared]) -> RecordedEvidence:
-        """Return what the recording shows, after its last step."""
+    def compare(self, compared: Compared) -> None:
+        """Take what became comparable with the meter, before the step of the same samples."""
+        self._compared.append(compared)
+
+    def evidence(self, metered: bool = False) -> RecordedEvidence:
+        """Return what the recording shows, after its last step.
+
+        Args:
+            metered: Whether the meter that was compared sits at the grid.
+        """
         self._close()
-        _measure(self._rests, compared)
+        for rest in () if metered else self._rests:
+            rest.compared_time = rest.measured = rest.predicted = 0.0
         return RecordedEvidence(
             recordings=1,
             observed_time=self._time,
@@ -182,7 +193,7 @@ class EvidenceSums:
             motion_time=self._motion_time,
             warm_loss=self._warm_loss,
             demand=self._demand,
-            metered=bool(compared),
+            metered=metered,
         )
 
     def _add(self, block: PowerBlock, time: Float, position: Float) -> None:
@@ -236,19 +247,21 @@ class EvidenceSums:
             self._rests.append(self._open)
         self._open = None
 
-
-def _measure(rests: list[RecordedRest], compared: list[Compared]) -> None:
-    """Add what the meter has shown in the rests."""
-    if not compared or not rests:
-        return
-    whole = Compared.concatenate(compared)
-    order: Int = np.argsort(whole.stamp_ns, kind="stable")
-    whole = whole[order]
-    for rest in rests:
-        edges = [rest.start_ns + SETTLED_NS, rest.end_ns]
-        first, last = np.searchsorted(whole.stamp_ns - whole.duration_ns, edges).tolist()
-        if last - 1 > first:
-            rows = slice(first, last - 1)
-            rest.compared_time = float(whole.duration_ns[rows].sum()) * NANOSECOND
-            rest.measured = float(whole.measured[rows].sum())
-            rest.predicted = float(whole.predicted[rows].sum())
+    def _measure(self, until_ns: int) -> None:
+        """Add to the rests what the meter has reported of them; what comes later waits."""
+        if not self._compared:
+            return
+        whole = Compared.concatenate(self._compared)
+        later = whole.stamp_ns > until_ns
+        self._compared = [whole[later]] if later.any() else []
+        past = whole[~later]
+        begin_ns = past.stamp_ns - past.duration_ns
+        oldest_ns = int(begin_ns.min(initial=until_ns))
+        going_on = [] if self._open is None else [self._open]
+        for rest in reversed(self._rests + going_on):
+            if rest.end_ns < oldest_ns:
+                break
+            rows = (begin_ns >= rest.start_ns + SETTLED_NS) & (past.stamp_ns <= rest.end_ns)
+            rest.compared_time += float(past.duration_ns[rows].sum()) * NANOSECOND
+            rest.measured += float(past.measured[rows].sum())
+            rest.predicted += float(past.predicted[rows].sum())

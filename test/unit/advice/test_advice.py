@@ -14,6 +14,7 @@ from robot_energy.foundation.errors import DatasetError, ParameterError
 from robot_energy.model import load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.replay.bag_replay import replay
 from robot_energy_cli.main import main
 from robot_energy_fleet.advice.advise import _advice, _basis
 from robot_energy_fleet.advice.claims import (
@@ -28,6 +29,7 @@ from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
 from robot_energy_fleet.advice.evidence import (
     DEGC_BINS,
     DEMAND_BINS,
+    EvidenceSums,
     RecordedEvidence,
     RecordedRest,
 )
@@ -104,6 +106,26 @@ def test_standby_saves_what_the_sums_by_hand_say():
     assert claim.energy == pytest.approx(by_hand)
     assert claim.sure == "predicted"
     assert "1 rests of a minute" in claim.found
+
+
+def test_a_settled_rest_is_compared_whole_and_no_interval_is_kept_for_long(tmp_path):
+    words = ["simulate", "--robot", "kr16", "--dwell", "8", "--rate", "100", "--duration", "60"]
+    assert main([*words, "--seed", "2", "--out", str(tmp_path / "bag")]) == 0
+    sums, waiting = EvidenceSums(MODEL), list[int]()
+
+    def take(output):
+        sums.take(output)
+        waiting.append(sum(map(len, sums._compared)))
+
+    replay(tmp_path / "bag", MODEL, on_output=take, on_compared=sums.compare)
+    rests = sums.evidence(metered=True).rests
+    assert len(rests) > 4
+    for one in rests:  # less 2 s of settling, but for a reading of 0.1 s at either end
+        assert one.duration - 2.1 < one.compared_time < one.duration - 1.9
+        assert one.measured / one.compared_time == pytest.approx(400.0, rel=0.15)
+        assert one.predicted / one.compared_time == pytest.approx(400.0, rel=0.01)
+    assert max(waiting) < 200
+    assert not any(one.compared_time for one in sums.evidence().rests)
 
 
 def test_measured_watts_at_rest_replace_predicted_ones():

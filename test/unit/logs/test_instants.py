@@ -158,3 +158,19 @@ def test_a_system_without_time_zones_says_what_to_install(monkeypatch):
 def test_a_format_that_reads_nothing_is_refused(form):
     with pytest.raises(ValueError, match="format"):
         Time(column="t", format=form)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "ns"])
+@pytest.mark.parametrize(
+    "cell",
+    ["12", "0.000000001", "012.50", "1790000000.123456789", "9" * 18, "9" * 30, "0.0000000001",
+     "", None, ".", ".5", "5.", "-5.5", "-0.5", "+5.5", "5.-3", "5.+3", "1e3", "1.5e3", " 5", "5 ",
+     "5. 5", "1.2.3", "1_0", "nan", "inf", "0x1f", "\u0665.5", "5.\u0665", "2026-01-01T00:00"],
+)  # fmt: skip
+def test_plain_numbers_read_at_once_are_those_read_one_by_one(cell, unit):
+    reader = Instants(Time.model_validate({"column": "t", "unit": unit}))
+    column = pl.Series(["7.25" if unit == "s" else "7", cell, "8"], dtype=pl.String)
+    at_once = reader.exact(column)
+    assert at_once is None or at_once.tolist() == reader(column)
+    plain = unit == "s" and cell in ("12", "0.000000001", "012.50", "1790000000.123456789")
+    assert (at_once is not None) or not plain

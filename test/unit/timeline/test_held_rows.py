@@ -1,0 +1,31 @@
+"""What is computed at some samples only, cut and joined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.timeline.blocks import HeldRows
+
+HELD = HeldRows(
+    np.arange(8.0).reshape(4, 2),
+    np.array([0, 0, 1, 1, 2, 3]),
+    np.array([True, False, True, False, True, True]),
+)
+
+
+def test_a_part_holds_what_its_samples_held():
+    for rows in (slice(2, 5), np.array([4, 1]), np.array([False, True, True, False, False, True])):
+        part = HELD[rows]
+        np.testing.assert_array_equal(part, np.asarray(HELD)[rows])
+        np.testing.assert_array_equal(part.begins, HELD.begins[rows])
+    assert np.asarray(HELD[slice(0, 0)]).shape == (0, 2)
+
+
+def test_a_part_that_is_joined_again_and_again_does_not_grow():
+    """As the last sample of each block in front of the next one."""
+    last = HELD[slice(-1, None)]
+    for _ in range(50):
+        block = HeldRows.concatenate([last, HELD])
+        np.testing.assert_array_equal(np.asarray(block)[1:], HELD)
+        last = block[slice(-1, None)]
+    assert len(block.values) == 5
