@@ -170,16 +170,23 @@ def _work(bag: str | Path, model: RobotModel) -> tuple[float, float]:
 
 
 def _yu_cobot(file: Path) -> TestedRobot:
-    """A Yu-Cobot with measured voltage and current of its supply, and torque of each motor."""
+    return tested(
+        "Yu-Cobot (Yuanda, voraus controller)", "DC supply: voltage x current",
+        "measured motor torque", cobot_data(file), None, None, None,
+    )  # fmt: skip
+
+
+def cobot_data(file: Path) -> DriveData:
+    """Return a Yu-Cobot with measured power of its supply and torque of each motor.
+
+    Args:
+        file: ``test.parquet`` of the set.
+    """
     mapping = load_mapping(EXAMPLES / "mappings" / "voraus.yaml")
     logs = open_logs([str(file)], mapping)
     effort = mapping.joints.effort
     parts = [(contents_of(logs, mapping), [log.whole()]) for log in logs]
-    data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
-    return tested(
-        "Yu-Cobot (Yuanda, voraus controller)", "DC supply: voltage x current",
-        "measured motor torque", data, None, None, None,
-    )  # fmt: skip
+    return drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
 
 
 def tested(

@@ -5,8 +5,8 @@ power with figure k, ``e_k`` the error of that figure. A column of `PowerDeviati
 ``g_k s_k`` in watts, with the standard deviation ``s_k``. Errors of figures are constant or
 change slowly, so the columns are integrated before they are squared: the standard deviation of
 an energy is ``sqrt(sum_k (integral g_k s_k dt)^2)``, which grows with time. Different figures
-are taken as independent, but for losses with a covariance C in the model: with ``C = L L'``
-their columns are ``g' L``, which are independent and have a sign.
+are taken as independent, but for losses and friction with a covariance C in the model: with
+``C = L L'`` their columns are ``g' L``, which are independent and have a sign.
 
 Motor side, per joint: ``|w| s(fc)`` and ``w^2 s(fv)`` are one column, as are all losses of the
 drive; that adds them a little too much (Minkowski), never too little. Of ``s(fv)``, what errs
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from robot_energy.certainty.priors import MISSING_LOSS, figure_std, relative_std
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, LossDrive
 from robot_energy.model.figure import Tag, least_known, tag_of
-from robot_energy.model.schema import LOSS_TERMS
+from robot_energy.model.schema import FRICTION_TERMS, LOSS_TERMS
 from robot_energy.physics.derivative import windows_of
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.equations import Balance
@@ -44,8 +45,10 @@ CABINET_DEVIATIONS = (
 )  # fmt: skip
 """Columns of the robot; ``random`` is in W^2 s, ``bus`` the root sum of squares of all but
 ``loss_grid``, ``temperature`` and ``form``; ``together`` begins what has a covariance."""
-JOINT_DEVIATIONS = ("friction", "drive", *(f"together_{term}" for term in LOSS_TERMS))
-TOGETHER_NAME = "losses that were identified together"
+TOGETHER_TERMS = (*LOSS_TERMS, "viscous")
+"""Powers per joint that differ: Coulomb friction goes with speed as the linear loss does."""
+JOINT_DEVIATIONS = ("friction", "drive", *(f"together_{term}" for term in TOGETHER_TERMS))
+TOGETHER_NAME = "losses and friction known together"
 FORM = 0.06
 """What the form of friction and drive losses leaves out, over their power. [-]
 
@@ -77,6 +80,11 @@ class FigureDeviations:
     """Deviations of the figures of a model that powers and energies have in common.
 
     Attributes:
+        model: Without the deviations of what its covariance holds.
+        together: Factor L of that covariance, of ``loss_dc`` and `TOGETHER_TERMS` of the joints
+            by independent errors, shape (1 + 4 n, 1 + 4 n); None without a covariance.
+        of_grid: That of ``loss_grid``, shape (1 + 4 n,). [W]
+        viscous: Whether the viscous friction of a joint errs for itself: 1, else 0, shape (n,).
         coulomb: Of the Coulomb torques, motor side, shape (n,). [N m]
         bodies: Of the rigid-body power, as a share of it. [-]
         payload: Of the part of it that the payload takes, as a share of that. [-]
@@ -90,6 +98,17 @@ class FigureDeviations:
     """
 
     def __init__(self, model: RobotModel) -> None:
+        together = set(() if model.covariance is None else model.covariance.figures)
+        model, factor = known_apart(model)
+        self.model = model
+        self.together = None if factor is None else factor[:-1]
+        self.of_grid = np.zeros(1) if factor is None else factor[-1]
+        self.viscous = np.array(
+            [
+                0.0 if factor is not None and f"viscous of {name}" in together else 1.0
+                for name in model.joint_names
+            ]
+        )
         self.coulomb = np.asarray(
             [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
         )
@@ -110,18 +129,30 @@ class FigureDeviations:
         efficiency = cabinet.regeneration_efficiency
         self.returned = 0.0 if efficiency is None else efficiency.value
 
+    def known_together(self, speed: Float, motor_torque: Float, viscous: Float) -> Float | None:
+        """Return the columns of what the covariance holds, shape (N, 1 + 4 n); None without one.
+
+        Args:
+            speed: Without sign, 0 where the axis stands, shape (N, n). [rad/s]
+            motor_torque: That heats the windings, shape (N, n). [N m]
+            viscous: Deviation of the viscous friction of each joint for itself, times the square
+                of the speed, shape (N, n). [W]
+        """
+        if self.together is None:
+            return None
+        of_dc = np.ones((len(speed), 1))
+        return np.hstack([of_dc, motor_torque**2, speed, speed**2, viscous]) @ self.together
+
 
 class PowerDeviation:
     """Columns ``g_k s_k`` of one robot."""
 
     def __init__(self, model: RobotModel) -> None:
-        model, factor = losses_apart(model)
-        self._factor = None if factor is None else factor[:-1]
-        self._of_grid: Float = np.zeros(1) if factor is None else factor[-1]
         first, own = len(CABINET_DEVIATIONS), 2 * len(model.joints)
         last = first + len(JOINT_DEVIATIONS) * len(model.joints)
         self._places = [CABINET_DEVIATIONS.index("together"), *range(first + own, last)]
-        figures = FigureDeviations(model)
+        figures = self._figures = FigureDeviations(model)
+        model = figures.model
         self._coulomb_squared = figures.coulomb**2
         by_load = [joint.friction.load_coulomb for joint in model.joints]
         self._by_load = np.asarray(
@@ -162,13 +193,6 @@ class PowerDeviation:
         self._recent = values[-RECENT_SLOTS:]
         peaks = windows_of(values, RECENT_SLOTS).max(axis=1)
         return np.maximum(peaks[np.cumsum(begins)], power)
-
-    def _shared(self, speed: Float, squared: Float, motor_torque: Float) -> Float | None:
-        """Columns of losses that were identified together, at the DC bus; None without any. [W]"""
-        if self._factor is None:
-            return None
-        terms = np.hstack([np.ones((len(speed), 1)), motor_torque**2, speed, squared])
-        return terms @ self._factor
 
     def columns(
         self,
@@ -225,6 +249,9 @@ class PowerDeviation:
             variance -= shared**2
         variance *= squared
         np.maximum(variance, 0.0, out=variance)
+        together = self._figures.known_together(speed, motor_torque, np.sqrt(variance) * speed)
+        if together is not None:
+            variance *= self._figures.viscous
         variance += self._coulomb_squared
         np.sqrt(variance, out=friction)
         friction *= speed
@@ -261,15 +288,14 @@ class PowerDeviation:
         reaches = np.where(balance.brake_power > 0, 0.0, 1.0)
         if self._returned:
             reaches[balance.grid_power < balance.loss_grid] = self._returned
-        shared = self._shared(speed, squared, motor_torque)
-        if shared is not None:
-            squares = squares + (shared**2).sum(axis=1)
+        if together is not None:
+            squares = squares + (together**2).sum(axis=1)
         if (reaches < 1.0).any():
             for column in (bodies, payload, temperature, form, loss_dc, *friction.T, *drive.T):
                 column *= reaches
             squares *= reaches**2
         columns[:, self._places] = (
-            0.0 if shared is None else shared * reaches[:, None] + self._of_grid
+            0.0 if together is None else together * reaches[:, None] + self._figures.of_grid
         )
         np.sqrt(squares + unexplained, out=bus)
         if not max(float(columns.max()), -float(columns.min())) <= MAX_DEVIATION:
@@ -278,22 +304,25 @@ class PowerDeviation:
         return columns
 
 
-def losses_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
-    """Return a model whose losses err each for itself, and by how much others err together.
+def known_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
+    """Return a model whose figures err each for itself, and by how much others err together.
 
     Returns:
-        The model; the figures of its covariance have no deviation left in it but for ``loss_grid``.
-        The factor L of the covariance, of ``loss_dc``, the terms of the joints and ``loss_grid`` by
-        the columns of all but the last, shape (2 + 3 n, 1 + 3 n); None without a covariance.
+        The model; the figures of its covariance have no deviation left in it but for ``loss_grid``
+        and viscous friction, whose deviation is that of its law.
+        The factor L of the covariance, of ``loss_dc``, `TOGETHER_TERMS` of the joints and
+        ``loss_grid`` by the columns of all but the last, shape (2 + 4 n, 1 + 4 n); None without
+        a covariance.
     """
     covariance = model.covariance
     if covariance is None or DRIVE_MODELS[model.drive].loss_deviations is None:
         return model, None
-    terms = [f"{term} of {name}" for term in LOSS_TERMS for name in model.joint_names]
+    terms = [f"{term} of {name}" for term in TOGETHER_TERMS for name in model.joint_names]
     order = ["loss_dc", *terms, "loss_grid"]
-    known = [name for name in order if name in covariance.figures]
-    rows = [covariance.figures.index(name) for name in known]
-    matrix = np.array(covariance.matrix)[np.ix_(rows, rows)]
+    adds_to = [name.replace("coulomb of ", "linear of ", 1) for name in covariance.figures]
+    known = [name for name in order if name in adds_to]
+    sums = np.array([[1.0 if name == other else 0.0 for other in adds_to] for name in known])
+    matrix = sums @ np.array(covariance.matrix) @ sums.T
     scale = np.sqrt(np.diagonal(matrix))
     scale = np.where(scale > 0, scale, 1.0)
     matrix = matrix / np.outer(scale, scale)
@@ -303,9 +332,14 @@ def losses_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
     factor = np.zeros((len(order), len(order)))
     places = [order.index(name) for name in known]
     factor[np.ix_(places, places)] = lower
-    sure = set(known)
+    sure = set(covariance.figures)
     joints = [
-        joint.model_copy(update={"losses": _without_std(joint.losses, joint.name, sure)})
+        joint.model_copy(
+            update={
+                "losses": _without_std(joint.losses, LOSS_TERMS, joint.name, sure),
+                "friction": _without_std(joint.friction, FRICTION_TERMS[:1], joint.name, sure),
+            }
+        )
         for joint in model.joints
     ]
     update = {name: 0.0 for name in ("loss_dc", "loss_grid") if name in sure}
@@ -330,13 +364,13 @@ def _exponents(model: RobotModel) -> tuple[Float, Float | None]:
     return velocity, np.asarray(std)
 
 
-def _without_std(losses: LossDrive | None, joint: str, sure: set[str]) -> LossDrive | None:
-    if losses is None:
+def _without_std(entry: Any, terms: Sequence[str], joint: str, sure: set[str]) -> Any:
+    if entry is None:
         return None
-    return losses.model_copy(
+    return entry.model_copy(
         update={
-            term: getattr(losses, term).model_copy(update={"std": 0.0})
-            for term in LOSS_TERMS
+            term: getattr(entry, term).model_copy(update={"std": 0.0})
+            for term in terms
             if f"{term} of {joint}" in sure
         }
     )
@@ -431,5 +465,5 @@ def names_of(joint_names: Sequence[str]) -> tuple[str, ...]:
         "what the model leaves out",
         *(f"friction of {name}" for name in joint_names),
         *(f"drive of {name}" for name in joint_names),
-        *(TOGETHER_NAME for _ in LOSS_TERMS for _ in joint_names),
+        *(TOGETHER_NAME for _ in TOGETHER_TERMS for _ in joint_names),
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -141,16 +142,18 @@ class Hold(ModelEntry):
 
 
 LOSS_TERMS = ("copper", "linear", "quadratic")  # of the losses of one drive
+FRICTION_TERMS = ("coulomb", "viscous")  # of the friction of one joint
 
 
 class Covariance(ModelEntry):
-    """Errors of losses that were identified together: sums known better than their parts.
+    """Errors of losses and friction that one meter showed: sums known better than their parts.
 
     Bands take the deviations of these figures from here, and not from the figures' own ``std``.
 
     Attributes:
         figures: ``loss_dc``, ``loss_grid``, or a term and its joint, such as ``copper of
-            joint_1``; motor side.
+            joint_1``, ``coulomb of joint_1``; motor side. The error of ``viscous of joint_1`` is
+            in standard deviations of its law, at every temperature.
         matrix: Products of their errors, one row for each figure, in the units of both figures.
         source: Where they come from.
     """
@@ -158,6 +161,19 @@ class Covariance(ModelEntry):
     figures: Annotated[tuple[str, ...], Field(min_length=1)]
     matrix: tuple[tuple[Number, ...], ...]
     source: str = ""
+
+    def of(self, names: Collection[str]) -> Covariance | None:
+        """Return that of some figures, None without any of them.
+
+        Args:
+            names: Those that stay.
+        """
+        kept = [place for place, name in enumerate(self.figures) if name in names]
+        if not kept:
+            return None
+        rows = tuple(tuple(self.matrix[row][column] for column in kept) for row in kept)
+        figures = tuple(self.figures[place] for place in kept)
+        return self.model_copy(update={"figures": figures, "matrix": rows})
 
     @model_validator(mode="after")
     def _check(self) -> Covariance:
@@ -280,7 +296,7 @@ class RobotModel(ModelEntry, Shown):
             prediction count them.
         meter: How late the power meter shows what is drawn; absent: the monitor finds it.
         hold: What the motors hold at rest in addition to the load; absent: the load alone.
-        covariance: Of losses that were identified together; absent: each errs for itself.
+        covariance: Of losses and friction behind one meter; absent: each errs for itself.
         massless_links: Links that may move without inertia, on purpose (for example a
             wrist whose mass is lumped into its neighbour).
         gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
@@ -324,8 +340,7 @@ class RobotModel(ModelEntry, Shown):
         if repeated := dict.fromkeys(name for name in loads if loads.count(name) > 1):
             raise ValueError(f"names of auxiliary loads repeat: {', '.join(repeated)}")
         if self.covariance is not None:
-            known = {"loss_dc", "loss_grid"}
-            known |= {f"{term} of {name}" for term in LOSS_TERMS for name in names}
+            known = self._figures_together()
             if unknown := [name for name in self.covariance.figures if name not in known]:
                 raise ValueError(f"covariance names the unknown figure '{unknown[0]}'")
         kind = DRIVE_MODELS[self.drive]
@@ -369,21 +384,28 @@ class RobotModel(ModelEntry, Shown):
     def changed(self, **entries: Any) -> RobotModel:
         """Return a copy with other entries and the same URDF.
 
-        A covariance holds for the losses that it came with: with other ones it is left out.
+        A covariance holds for the figures that it came with: those that change leave it.
 
         Args:
             entries: Values by the name of the entry, already validated.
         """
         if self.covariance is not None and "covariance" not in entries:
-            after = self.model_copy(update=entries)
-            if after.losses_of_covariance() != self.losses_of_covariance():
-                entries["covariance"] = None
+            before, after = self._figures_together(), self.model_copy(update=entries)
+            kept = {
+                name for name, one in after._figures_together().items() if one == before.get(name)
+            }
+            entries["covariance"] = self.covariance.of(kept)
         return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
 
-    def losses_of_covariance(self) -> tuple[object, ...]:
-        """Return the figures that a covariance may hold."""
-        constants = (self.cabinet.loss_dc, self.cabinet.loss_grid)
-        return (*constants, *(joint.losses for joint in self.joints))
+    def _figures_together(self) -> dict[str, object]:
+        """The figures that a covariance may hold, by their names in it."""
+        cabinet = self.cabinet
+        found: dict[str, object] = {"loss_dc": cabinet.loss_dc, "loss_grid": cabinet.loss_grid}
+        for joint in self.joints:
+            parts = ((joint.losses, LOSS_TERMS), (joint.friction, FRICTION_TERMS))
+            for part, terms in parts:
+                found |= {f"{term} of {joint.name}": getattr(part, term, None) for term in terms}
+        return found
 
     def with_urdf(self, xml: str, source: str) -> RobotModel:
         """Return this model with the URDF text attached.

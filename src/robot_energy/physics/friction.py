@@ -340,7 +340,7 @@ def with_fixed_friction(
         law = ConstantLaw(law="constant", viscous=figure)
         friction = joint.friction.model_copy(update={"viscous": law})
         joints[index] = joint.model_copy(update={"friction": friction})
-    return model.changed(joints=joints)
+    return model.changed(joints=joints, covariance=model.covariance)  # in deviations of the law
 
 
 def _level(std: float | None) -> Callable[[Float], Float] | None:

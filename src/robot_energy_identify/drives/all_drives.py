@@ -82,7 +82,7 @@ class DrivesFound:
                 source,
                 self.total.data.sensors.std.meter,
             )
-            known = total_covariance(self.total.data, self.total.fit, changed, source)
+            known = total_covariance(self.total.data, self.total.fit, changed, model, source)
             changed = changed.changed(covariance=known)
             return changed, [*_unfitted(model, changed.drive), *notes]
         return model, []

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.physics.drive import Drive
 from robot_energy.physics.drivetrain import motor_standstill
+from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.timeline.blocks import (
     NANOSECOND,
@@ -65,6 +67,8 @@ class DriveData:
         braking: Where the supply does not pass on what the drives draw, shape (N,).
         torque_share: Part of the motor torque that is off by the error of its torque constant,
             shape (N, n); the rest comes from bodies that are given. [N m]
+        viscous_off: Power by which the viscous friction in use is off at one deviation of its law,
+            shape (N, n); None where the torque is measured. [W]
     """
 
     names: tuple[str, ...]
@@ -80,6 +84,7 @@ class DriveData:
     braking: NDArray[np.bool_]
     torque_share: Float
     sensors: SensorLimits = DEFAULT_LIMITS
+    viscous_off: Float | None = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -238,7 +243,23 @@ def drive_data(
         np.concatenate([_apart_from_supply(part) for part in recordings]),
         shared,
         recordings[0].sensors,
+        None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
     )
+
+
+def _viscous_off(part: Recording) -> Float:
+    """Power of one deviation of viscous friction, that of one joint for itself, shape (N, n). [W]
+
+    Where friction follows a gear, it has the share of the friction that it has at the motor.
+    """
+    certainty, friction = FrictionCertainty(part.model), FrictionModel.from_model(part.model)
+    speed = part.power.motor_velocity
+    degc = part.power.motor_temperature_degc
+    known = np.where(np.isnan(degc), part.model.temperature.fallback_degc, degc)
+    std, together = certainty.std(known)
+    viscous = friction.viscous(known)
+    share = np.sqrt(np.maximum(std**2 - together**2, 0.0)) / np.where(viscous > 0, viscous, 1.0)
+    return share * part.power.viscous * friction.viscous_velocity(speed) * speed
 
 
 def _apart_from_supply(part: Recording) -> NDArray[np.bool_]:

@@ -182,6 +182,12 @@ def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
     return causes
 
 
+def constant_errors(data: Sums, fit: TotalFit) -> list[Float]:
+    """Return what one deviation of each constant error of a sensor adds, shape (K,) each. [W]"""
+    changes = _changes(data, fit.coefficients, fit.structure)
+    return [change for own in changes.values() for change in own]
+
+
 def predict(data: Sums, fit: TotalFit) -> Float:
     """Return what the meter would read, shape (K,). [W]
 

@@ -41,6 +41,8 @@ class Sums:
         scale: Of each joint's coefficients where axes share them, shape (3, n).
         shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
         deviations: Whether a fit of it needs them, or only predicts what was held out.
+        viscous: Power by which the viscous friction of every joint is off at one deviation of its
+            law, shape (K, n); None where the torque is measured. [W]
     """
 
     names: tuple[str, ...]
@@ -57,6 +59,7 @@ class Sums:
     shares: Float
     sensors: SensorLimits = DEFAULT_LIMITS
     deviations: bool = True
+    viscous: Float | None = None
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -68,7 +71,8 @@ class Sums:
             mask: Which of them, shape (K,).
         """
         kept = {name: getattr(self, name)[mask] for name in OF_PIECES}
-        return replace(self, **kept)
+        viscous = None if self.viscous is None else self.viscous[mask]
+        return replace(self, **kept, viscous=viscous)
 
 
 def sums(data: DriveData, model: RobotModel | None) -> Sums:
@@ -112,6 +116,7 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         return total / (duration if values.ndim == 1 else duration[:, None])
 
     means = mean(means)
+    shares = slice(3 + 3 * len(data.names), 3 + 4 * len(data.names))
     found = Sums(
         data.names,
         place,
@@ -124,14 +129,15 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         recording[first],
         data.block[rows][first],
         _scale(data, model),
-        means[:, 3 + 3 * len(data.names) :],
+        means[:, shares],
         data.sensors,
+        viscous=None if data.viscous_off is None else means[:, shares.stop :],
     )
     return found.rows(few(len(found)))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
-    """Shaft power, drives as given, measured drives, terms, and shares; shape (N, 3 + 4 n)."""
+    """Shaft power, drives as given and measured, terms, shares, viscous; shape (N, 3 + 5 n)."""
     given = np.full(len(data), np.nan)
     if model is not None:
         from robot_energy.physics.drive import drive_from_model
@@ -140,7 +146,10 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     measured = data.drive_power.sum(axis=1)
     terms = data.loss_columns()[:, :, 1:].swapaxes(1, 2).reshape(len(data), -1)
     shares = data.torque_share * data.motor_velocity
-    return np.column_stack([data.supplied_power, given, measured, terms, shares])
+    every = [data.supplied_power, given, measured, terms, shares]
+    if data.viscous_off is not None:
+        every.append(data.viscous_off)
+    return np.column_stack(every)
 
 
 def joined(

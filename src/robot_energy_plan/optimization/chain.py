@@ -142,9 +142,9 @@ class PowerChain:
                 electrical - shaft,
                 self._hold.loss_std(self.drive, torque, held_std, winding),
                 degc,
-                np.where(excess > 0, share, 1.0),
                 excess,
             )
+            columns = self._deviations.at_grid(columns, np.where(excess > 0, share, 1.0))
             use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort
             lasting = balance.grid_power - balance.capacitor_power
             return (

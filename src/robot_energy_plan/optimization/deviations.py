@@ -1,7 +1,8 @@
 """What the errors of the model's figures do to an energy, figure by figure.
 
 To first order the error of a predicted energy is ``sum_k D_k x_k`` with independent ``x_k`` of
-variance 1: ``D_k`` is the change of the energy when figure k is wrong by its standard deviation.
+variance 1: ``D_k`` is the change of the energy when figure k is wrong by its standard deviation;
+of figures with a covariance ``C = L L'``, with what column k of L adds to all of them.
 Two programs of one robot share these errors, so a saving errs by ``sum_k (D_k - D'_k) x_k``: what
 both have in common cancels. Here friction and drive losses have a column for each figure, other
 than in `robot_energy.certainty.deviation`, as slower motion takes another share of each.
@@ -42,6 +43,7 @@ FORM_FED_BACK = 0.2
 """The same of the power that the drives feed back. [-]"""
 FORM_OF_HOLDING = 0.022
 """The same of the power at rest, different at each place. [-]"""
+CABINET = 3  # columns of the cabinet, which come first
 
 
 class EnergyDeviations:
@@ -51,7 +53,7 @@ class EnergyDeviations:
         self.figures = FigureDeviations(model)
         self._certainty = FrictionCertainty(model)
         kind = DRIVE_MODELS[model.drive]
-        entries = kind.entries(model.joints)
+        entries = kind.entries(self.figures.model.joints)
         self._drive = None if kind.loss_deviations is None else kind.loss_deviations(entries)
         self._lossless = kind.lossless
         ratio = np.abs(Drivetrain.from_model(model).transmission)
@@ -66,10 +68,9 @@ class EnergyDeviations:
         drive_loss: Float,
         held: Float,
         motor_temperature_degc: Float,
-        reaches: Float,
         fed_back: Float,
     ) -> Float:
-        """Return the rates of all columns, shape (N, K). [W]
+        """Return the rates of all columns while the grid sees all of the bus, shape (N, K). [W]
 
         Args:
             motor_velocity: 0 where the axis stands, shape (N, n). [rad/s]
@@ -79,7 +80,6 @@ class EnergyDeviations:
             drive_loss: Shape (N, n). [W]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             motor_temperature_degc: Shape (n,). [degC]
-            reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
         """
         figures, speed = self.figures, np.abs(motor_velocity)
@@ -92,7 +92,7 @@ class EnergyDeviations:
             figures.payload * carried.sum(axis=1)[:, None],
             (square * shared).sum(axis=1)[:, None],
             speed * figures.coulomb,
-            square * own,
+            square * own * figures.viscous,
             held,
         ]
         if self._drive is not None:
@@ -102,11 +102,27 @@ class EnergyDeviations:
         else:
             at_bus.append(figures.drive_share * np.abs(drive_loss))
         at_bus += self._form(speed, friction_power + np.abs(drive_loss))
-        rows = np.concatenate([np.full((len(speed), 1), figures.loss_dc), *at_bus], axis=1)
-        rows *= reaches[:, None]
-        cabinet = np.full((len(speed), 3), (figures.loss_grid, figures.at_rest, FORM_FED_BACK))
+        together = figures.known_together(speed, motor_torque, square * own)
+        if together is not None:
+            at_bus.append(together)
+        of_cabinet = figures.loss_grid, figures.at_rest, FORM_FED_BACK
+        cabinet = np.full((len(speed), CABINET), of_cabinet)
         cabinet[:, 2] *= fed_back
-        return np.concatenate([cabinet, rows], axis=1)
+        loss_dc = np.full((len(speed), 1), figures.loss_dc)
+        return np.concatenate([cabinet, loss_dc, *at_bus], axis=1)
+
+    def at_grid(self, columns: Float, reaches: Float) -> Float:
+        """Return the rates of columns as the grid sees them, shape (N, K). [W]
+
+        Args:
+            columns: Of `columns`, shape (N, K). [W]
+            reaches: Share of the power at the bus that the grid sees, shape (N,). [-]
+        """
+        seen = columns.copy()
+        seen[:, CABINET:] *= reaches[:, None]
+        if self.figures.together is not None:
+            seen[:, -len(self.figures.of_grid) :] += self.figures.of_grid
+        return seen
 
     def _form(self, speed: Float, lost: Float) -> list[Float]:
         """Losses, divided among the two knots next to the speed, shape (N, n) each. [W]"""
@@ -175,16 +191,15 @@ class DeviationSums:
             block.drive_loss,
             held,
             _mean_known(degc),
-            np.ones(len(block)),
             fed_back,
         )
-        rows = np.nan_to_num(rows) * weight[:, None]
+        rows = np.nan_to_num(rows)
         reaches = np.where(braking, 0.0, np.where(excess, self._deviations.figures.returned, 1.0))
-        total, lost = rows.copy(), rows * braking[:, None]
-        total[:, 3:] *= reaches[:, None]  # the first three are of the cabinet
+        lost = rows * braking[:, None]
         lost[:, :2] = 0.0
+        total = self._deviations.at_grid(rows, reaches) * weight[:, None]
         self._sum = self.energy + total.sum(axis=0)
-        self._brake = self.brake + lost.sum(axis=0)
+        self._brake = self.brake + (lost * weight[:, None]).sum(axis=0)
 
 
 def _mean_known(values: Float) -> Float:

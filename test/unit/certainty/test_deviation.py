@@ -22,7 +22,7 @@ from robot_energy.certainty.priors import SPREAD
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel, validate
 from robot_energy.model.payload import payload
-from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.friction import FrictionModel, with_fixed_friction
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import TemperatureBlock
 from robot_energy_identify.starter.priors import CLASSES
@@ -139,14 +139,21 @@ TOGETHER = {
     "copper of shoulder": ("joints.0.losses.copper", 5e-3),
     "linear of elbow": ("joints.1.losses.linear", 1e-3),
     "quadratic of elbow": ("joints.1.losses.quadratic", 1e-5),
+    "coulomb of elbow": ("joints.1.friction.coulomb", 1e-3),
+    "viscous of shoulder": ("joints.0.friction.viscous.viscous", 1e-5),
     "loss_grid": ("cabinet.loss_grid", 0.05),
 }
 
 
-def test_the_deviation_of_losses_identified_together_is_that_of_their_covariance(monkeypatch):
-    """``d' C d`` with the changes d of the energy by each figure, from one run for each."""
+def test_the_deviation_of_figures_known_together_is_that_of_their_covariance(monkeypatch):
+    """``d' C d`` with the changes d of the energy by each figure, from one run for each.
+
+    The error of viscous friction is in deviations of its law.
+    """
     monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
     found = certain(data())
+    for joint in found["joints"]:  # else friction also changes the copper loss: second order
+        joint["losses"]["copper"]["value"] = 0.0
     base = net(run(made(found)))
     changes: list[float] = []
     for path, size in TOGETHER.values():
@@ -154,15 +161,45 @@ def test_the_deviation_of_losses_identified_together_is_that_of_their_covariance
         place(other, path)["value"] += size
         changes.append((net(run(made(other))) - base) / size)
     scale = np.array([size for _, size in TOGETHER.values()])
-    root = np.random.default_rng(7).normal(size=(5, 5)) * scale[:, None]
+    root = np.random.default_rng(7).normal(size=(7, 7)) * scale[:, None]
+    viscous = list(TOGETHER).index("viscous of shoulder")
+    root[viscous] /= scale[viscous]
+    changes[viscous] *= scale[viscous]
     matrix = root @ root.T
-    for name in TOGETHER.values():
-        place(found, name[0])["std"] = 1e3  # of a figure for itself: does not count
+    for path, _ in TOGETHER.values():
+        place(found, path)["std"] = 1e3  # of a figure for itself: does not count
+    place(found, TOGETHER["viscous of shoulder"][0])["std"] = scale[viscous]
     found["covariance"] = {"figures": list(TOGETHER), "matrix": matrix.tolist()}
     registers = run(made(found)).account.registers
     variances = energy_variances(registers.deviation)
     shared = [name in (TOGETHER_NAME, "constant loss, grid side") for name in NAMES]
     assert sum(variances[shared]) == pytest.approx(changes @ matrix @ changes, rel=0.02)
+    assert sum(stds(run(made(found)))[f"friction of {name}"] for name in ("shoulder", "elbow")) == 0
+
+
+def test_friction_and_a_loss_whose_sum_is_known_have_no_deviation():
+    """Coulomb friction goes with speed as the linear loss does: what one has more, the other lacks.
+
+    Where both err alike, their errors add; deviations hold for 10 ms.
+    """
+    found = certain(data())
+    found["covariance"] = {
+        "figures": ["linear of elbow", "coulomb of elbow"],
+        "matrix": [[1e-4, -1e-4], [-1e-4, 1e-4]],
+    }
+    model = made(found)
+    shared = np.array(NAMES) == TOGETHER_NAME
+    assert energy_variances(run(model).account.registers.deviation)[shared].sum() < 1e-9
+    found["covariance"]["matrix"] = [[1e-4, 1e-4], [1e-4, 1e-4]]
+    energy = energy_variances(run(made(found)).account.registers.deviation)[shared].sum()
+    assert energy == pytest.approx((0.02 * travelled(model)) ** 2, rel=0.05)
+
+
+def travelled(model: RobotModel) -> float:
+    """Integral of the motor speed of the elbow over the run. [rad]"""
+    stamp = np.arange(0.0, 4.0, 0.004)
+    ratio = abs(model.joints[1].gear_ratio.value)
+    return float(np.trapezoid(ratio * np.abs(3.0 * np.cos(3.0 * (50.0 + stamp))), stamp))
 
 
 def test_a_sum_that_is_known_has_no_deviation():
@@ -196,16 +233,26 @@ def test_a_matrix_that_is_no_covariance_is_refused(matrix, why):
         made(found)
 
 
-def test_a_covariance_holds_for_the_losses_that_it_came_with():
+def test_a_covariance_holds_for_the_figures_that_it_came_with():
     found = data()
-    found["covariance"] = {"figures": ["loss_dc"], "matrix": [[4.0]]}
+    figures = ["loss_dc", "coulomb of elbow"]
+    found["covariance"] = {"figures": figures, "matrix": [[4.0, 1.0], [1.0, 9.0]]}
     model = made(found)
-    assert model.changed(drive="loss_model").covariance is not None
+    assert model.changed(drive="loss_model").covariance == model.covariance
     cabinet = model.cabinet.model_copy(
         update={"loss_dc": model.cabinet.loss_dc.model_copy(update={"value": 1.0})}
     )
-    assert model.changed(cabinet=cabinet).covariance is None
-    found["covariance"]["figures"] = ["linear of wrist"]
+    left = model.changed(cabinet=cabinet)
+    assert left.covariance is not None
+    assert (left.covariance.figures, left.covariance.matrix) == (("coulomb of elbow",), ((9.0,),))
+    friction = model.joints[1].friction
+    other = friction.model_copy(
+        update={"coulomb": friction.coulomb.model_copy(update={"value": 1.0})}
+    )
+    joints = [model.joints[0], model.joints[1].model_copy(update={"friction": other})]
+    assert left.changed(joints=joints).covariance is None
+    assert with_fixed_friction(model, 20.0).covariance == model.covariance
+    found["covariance"] = {"figures": ["linear of wrist"], "matrix": [[4.0]]}
     with pytest.raises(ModelFileError, match="the unknown figure 'linear of wrist'"):
         made(found)
 

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from robot_energy.certainty.priors import figure_std
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
+from robot_energy.model.schema import Covariance
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.comparison import compare_motions
@@ -16,10 +18,10 @@ DEGC = np.full(6, 40.0)
 FIRST = np.array([0.0, -1.2, 1.2, 0.0, 0.3, 0.0])
 
 
-def motion(seconds, reach=0.5):
+def motion(seconds, reach=0.5, names=MODEL.joint_names):
     still = np.zeros((2, 6))
     position = np.stack([FIRST, FIRST + reach * np.array([1.0, 0.3, -0.3, 0.2, 0.1, 0.1])])
-    return JointTrajectory(MODEL.joint_names, np.array([0.0, seconds]), position, still, still)
+    return JointTrajectory(names, np.array([0.0, seconds]), position, still, still)
 
 
 def test_rest_has_the_columns_of_the_power_chain():
@@ -31,6 +33,39 @@ def test_rest_has_the_columns_of_the_power_chain():
     predict(MODEL, standing.planned(), DEGC, on_output=sums.take)
     held = PowerChain(MODEL, DEGC[None, :]).rests(FIRST[None, :])
     assert sums.energy == pytest.approx(5.0 * held.columns[0], rel=0.01)
+
+
+def test_columns_of_figures_known_together_are_those_of_their_covariance():
+    """``d' C d`` in place of ``sum (d s)^2``, with the way of the motor and the time as d."""
+    model, seconds, of_speed = load("ur3e"), 6.0, 0.02
+    joint = model.joints[0]
+    friction = joint.friction.model_copy(
+        update={"coulomb": joint.friction.coulomb.model_copy(update={"std": of_speed})}
+    )
+    losses = joint.losses.model_copy(
+        update={"linear": joint.losses.linear.model_copy(update={"std": of_speed})}
+    )
+    first = joint.model_copy(update={"friction": friction, "losses": losses})
+    model = model.changed(joints=[first, *model.joints[1:]])
+    way = abs(joint.gear_ratio.value) * 0.5
+    change = np.array([way, way, seconds])
+    stds = np.array([of_speed, of_speed, figure_std(model.cabinet.loss_grid, "loss_grid")])
+    rows = np.array([[1.0, -0.9, 0.3], [-0.9, 1.0, -0.2], [0.3, -0.2, 1.0]])
+    matrix = rows * np.outer(stds, stds)
+    together = Covariance(
+        figures=(f"linear of {joint.name}", f"coulomb of {joint.name}", "loss_grid"),
+        matrix=tuple(map(tuple, matrix.tolist())),
+    )
+    variances = []
+    for covariance in (None, together):
+        used = model.changed(covariance=covariance)
+        sums = DeviationSums(used)
+        path = motion(seconds, names=model.joint_names).planned()
+        predict(used, path, DEGC, on_output=sums.take)
+        assert sums.braked == 0.0  # the grid sees all of it
+        variances.append(sums.energy @ sums.energy)
+    expected = change @ matrix @ change - np.square(change * stds).sum()
+    assert variances[1] - variances[0] == pytest.approx(expected, rel=0.01)
 
 
 def test_a_band_of_a_difference_is_far_below_that_of_an_energy():

@@ -9,6 +9,7 @@ import pytest
 from places import ROOT
 from robot_energy.model import load
 from robot_energy_cli.main import main
+from robot_energy_studies.left_out import ur3e, width_ratio, xarm_friction, yu_cobot
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
@@ -24,6 +25,24 @@ def test_a_real_ur3e_is_predicted_better_than_by_shaft_power_and_a_constant(tmp_
     assert ways["identified"]["rms"] < 0.7 * ways["shaft"]["rms"] < 0.7 * ways["constant"]["rms"]
     assert abs(ways["identified"]["worst"]) < 0.03
     assert load(out).cabinet.loss_dc.tag == "identified"
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_bands_of_real_energies_hold_and_are_of_use():
+    """Each recording left out of the fit; friction of the UR3e was never measured."""
+    known = list(ur3e(Path(DATA) / "rad_ur3e"))
+    assert len(known) == 3
+    assert all(row.inside for row in known)
+    assert 1.64 < width_ratio(known) < 4.0
+    cobot = list(yu_cobot(Path(DATA) / "voraus" / "test.parquet"))
+    assert sum(row.inside for row in cobot) >= 3
+
+
+@pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
+def test_real_friction_at_a_temperature_left_out_lies_in_its_interval():
+    rows = list(xarm_friction(Path(DATA) / "xarm6_j3" / "no_payload.csv.gz"))
+    assert sum(row.inside for row in rows) >= 0.85 * len(rows) > 10.0
+    assert max(row.half for row in rows) < 0.03
 
 
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
