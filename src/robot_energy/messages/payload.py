@@ -19,7 +19,6 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.messages.fields import FRAME, STAMP
 from robot_energy.model.payload import Payload, payload, several_carried
 from robot_energy.physics.urdf.parse import INERTIA
-from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.timeline.stamps import (
     BAD_STAMP,
     MAX_STAMP_NS,
@@ -30,6 +29,8 @@ from robot_energy.timeline.stamps import (
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
+
+    from robot_energy.pipeline.torque_stage import PayloadChange
 
 PAYLOAD = "ros2_energy_msgs/msg/Payload"
 COM = ("x", "y", "z")
@@ -42,7 +43,7 @@ FIELDS = (
 FIELDS_OF_0_1 = ("link", "mass", "centre_of_mass", "inertia")
 """Fields of the message in release 0.1; its inertia has the order of `INERTIA`."""
 
-SetPayload = Callable[[Payload, int | None], PayloadChange]
+SetPayload = Callable[[Payload, int | None], "PayloadChange"]
 """`TorqueStage.set_payload`."""
 
 
