@@ -67,6 +67,10 @@ def _row(cells: Iterable[str]) -> str:
     return "| " + " | ".join(cell.replace("|", ESCAPED) for cell in cells) + " |"
 
 
+def _whole(value: float, unit: str = "") -> str:
+    return f"{value:.0f}{unit}"
+
+
 def hundred(share: float) -> str:
     """Return a share in percent without the sign of percent.
 
@@ -76,18 +80,30 @@ def hundred(share: float) -> str:
     return f"{100 * share:.1f}"
 
 
+def _hundreds(shares: Iterable[float]) -> list[str]:
+    return [hundred(share) for share in shares]
+
+
+def _kilo(value: float) -> str:
+    return f"{value / 1e3:.1f}"
+
+
+def _of(key: str, table: Mapping[str, Any]) -> Any:
+    return table[key]
+
+
 FILTERS: dict[str, Callable[..., Any]] = {
     "general": "{:g}".format,
     "hundred": hundred,
-    "hundreds": lambda shares: [*map(hundred, shares)],
+    "hundreds": _hundreds,
     "kelvin": "{:.2f} K".format,
-    "kilo": lambda value: f"{value / 1e3:.1f}",
-    "of": lambda key, table: table[key],
+    "kilo": _kilo,
+    "of": _of,
     "percent": percent,
     "row": _row,
     "signed": signed_percent,
     "tenth": "{:.1f}".format,
-    "whole": lambda value, unit="": f"{value:.0f}{unit}",
+    "whole": _whole,
 }
 
 

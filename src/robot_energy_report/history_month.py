@@ -88,7 +88,8 @@ def _verdict(page: Document, answer: Figures) -> None:
     total, before = answer["total"], answer["before"]["name"]
     currency, running = answer["currency"], answer["running"]
     page.heading("Verdict")
-    same, earlier = answer["same"] or {}, answer["earlier"] or {}
+    same: Figures = answer["same"] or {}
+    earlier: Figures = answer["earlier"] or {}
     change = _ratio(same.get("energy"), earlier.get("energy")) if answer["fair"] else None
     until = f" up to the same time ({running.replace('T', ' ')[:16]})" if running else ""
     if change is not None:
