@@ -93,7 +93,7 @@ class ReplayOptions(ReadOptions, total=False):
         "What an earlier recording has taught, the `state` of its learner."]
     out: Annotated[str | Path | None, Option(
         "write the energy topics (/energy/...) into a new bag", value="BAG", group=OUTPUTS)]
-    overwrite: Annotated[bool, Option("replace the bag of --out", default=False, group=OUTPUTS)]
+    overwrite: Annotated[bool, Option("replace a bag that exists there", default=False, group=OUTPUTS)]
     power_period: Annotated[float | None, Option(
         "averaging period of /energy/power (default 0.02 s)",
         unit="s", low=1e-6, high=LATEST, group=PERIOD)]
