@@ -95,6 +95,7 @@ class FigureDeviations:
         loss_grid: Of that on the grid side. [W]
         at_rest: What the form of the losses that flow all the time leaves out. [W]
         returned: Share of the energy fed back that the grid gets. [-]
+        friction: The friction itself.
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -128,6 +129,26 @@ class FigureDeviations:
         self.at_rest = FORM_AT_REST * model.constant_power()
         efficiency = cabinet.regeneration_efficiency
         self.returned = 0.0 if efficiency is None else efficiency.value
+        self.friction = FrictionModel.from_model(model)
+        self._exponent_velocity, self._exponent_std = _exponents(model)
+
+    def by_exponent(self, motor_velocity: Float) -> tuple[Float, Float] | None:
+        """Return what viscous exponents do to deviations; None without any.
+
+        Args:
+            motor_velocity: w, 0 where the axis stands, shape (N, n). [rad/s]
+
+        Returns:
+            What friction grows by over w, ``|w / wq|^(q - 1)`` [-]; what the error of the exponent
+            adds to the power of a viscous coefficient of 1 [rad^2/s^2]; shape (N, n) each.
+        """
+        if self._exponent_std is None:
+            return None
+        speed = np.abs(motor_velocity)
+        moving = np.where(speed > 0.0, speed, 1.0)
+        lever = np.abs(self.friction.viscous_velocity(motor_velocity)) / moving
+        turning = np.where(speed > 0.0, speed / self._exponent_velocity, 1.0)
+        return lever, self._exponent_std * lever * speed**2 * np.log(turning)
 
     def known_together(self, speed: Float, motor_torque: Float, viscous: Float) -> Float | None:
         """Return the columns of what the covariance holds, shape (N, 1 + 4 n); None without one.
@@ -158,8 +179,6 @@ class PowerDeviation:
         self._by_load = np.asarray(
             [0.0 if one is None else figure_std(one, "coulomb") for one in by_load]
         )
-        self._friction = FrictionModel.from_model(model)
-        self._exponent_velocity, self._exponent_std = _exponents(model)
         self._viscous_prior = np.asarray(
             [relative_std("viscous", tag_of(joint.friction.viscous)) for joint in model.joints]
         )
@@ -237,13 +256,9 @@ class PowerDeviation:
         if np.isnan(std.sum()):
             std = np.where(np.isnan(std), self._viscous_prior * viscous, std)
             shared = np.nan_to_num(shared)
-        by_exponent: Float | None = None
-        if self._exponent_std is not None:  # fv counts by w (|w|/wq)^(q - 1), q by its logarithm
-            lever = np.abs(self._friction.viscous_velocity(motor_velocity))
-            lever = lever / np.where(speed > 0.0, speed, 1.0)
-            std, shared = std * lever, shared * lever
-            turning = np.where(speed > 0.0, speed / self._exponent_velocity, 1.0)
-            by_exponent = self._exponent_std * viscous * lever * squared * np.log(turning)
+        bent = self._figures.by_exponent(motor_velocity)
+        if bent is not None:
+            std, shared = std * bent[0], shared * bent[0]
         variance = std**2
         if shared.any():
             variance -= shared**2
@@ -257,8 +272,8 @@ class PowerDeviation:
         friction *= speed
         if self._by_load.any():  # of friction by load: its share times the torque of the bodies
             np.hypot(friction, self._by_load * rigid_power, out=friction)
-        if by_exponent is not None:
-            np.hypot(friction, by_exponent, out=friction)
+        if bent is not None:
+            np.hypot(friction, bent[1] * viscous, out=friction)
         if self._drive is None:
             np.multiply(self._drive_share, shaft, out=drive)
         else:

@@ -56,6 +56,8 @@ class Option:
         """What a value must be, in words."""
         if self.choices:
             return f"one of {', '.join(map(str, self.choices))}"
+        if isinstance(self.default, bool):
+            return "True or False"
         return f"a number from {self.low:g} to {self.high:g}"
 
     def check(self, name: str, value: object, verb: str) -> None:
@@ -63,6 +65,8 @@ class Option:
         several = self.several and not isinstance(value, str)
         values = cast("Collection[object]", value) if several else (value,)
         fits = not self.choices or all(one in self.choices for one in values)
+        if isinstance(self.default, bool):
+            fits = isinstance(value, bool)
         if self.unit and not self.choices:
             fits = not isinstance(value, bool) and isinstance(value, Real)
             fits = fits and self.low <= cast("float", value) <= self.high

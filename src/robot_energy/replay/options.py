@@ -68,15 +68,15 @@ class ReadOptions(PartOptions, total=False):
         "how long torque waits for late temperatures (default 0.1 s)",
         unit="s", low=0.0, high=LATEST, group=SETTINGS)]
     max_gap: Annotated[float | None, Option(
-        "longest time between two joint states that is bridged (default: what the inputs file says, else "
-        "five times their usual period, 0.1 s to 1 s)",
+        "longest time between two joint states that is bridged (default: what the inputs file "
+        "says, else five times their usual period, 0.1 s to 1 s)",
         unit="s", low=0.0, high=LATEST, group=SETTINGS)]
     learning: Annotated[str | None, Option(
         "what is learned of friction and constant losses over the bag: off, observe (default) or "
         "apply, to predict with it", choices=("off", "observe", "apply"), group=SETTINGS)]
     meter_max_gap: Annotated[float | None, Option(
-        "longest time between meter readings that is bridged (default: what the inputs file says, else "
-        "2 s)", unit="s", low=1e-6, high=LATEST, group=SETTINGS)]
+        "longest time between meter readings that is bridged (default: what the inputs file "
+        "says, else 2 s)", unit="s", low=1e-6, high=LATEST, group=SETTINGS)]
     jobs: Annotated[str | Path | None, Option(
         "count the energy of jobs or cycles: a YAML file with jobs: [{name, begin, end}], in "
         "seconds since 1970 as the stamps of the recording", value="FILE", group=COUNTED)]
@@ -93,7 +93,8 @@ class ReplayOptions(ReadOptions, total=False):
         "What an earlier recording has taught, the `state` of its learner."]
     out: Annotated[str | Path | None, Option(
         "write the energy topics (/energy/...) into a new bag", value="BAG", group=OUTPUTS)]
-    overwrite: Annotated[bool, Option("replace a bag that exists there", default=False, group=OUTPUTS)]
+    overwrite: Annotated[bool, Option(
+        "replace a bag that exists there", default=False, group=OUTPUTS)]
     power_period: Annotated[float | None, Option(
         "averaging period of /energy/power (default 0.02 s)",
         unit="s", low=1e-6, high=LATEST, group=PERIOD)]

@@ -267,11 +267,12 @@ class AccountStore(SlotStore[AccountRecord]):
                 for totals in (self.account.totals(), record.totals)
             )
             added = new - old
-            if added & DEVIATION_KEYS:
+            if added & DEVIATION_KEYS and not old & DEVIATION_KEYS:
+                added -= DEVIATION_KEYS
                 self._note(
                     "register_added", "the standard deviation of the energies counts from here"
                 )
-            for name in sorted(added - DEVIATION_KEYS):
+            for name in sorted(added):
                 self._note("register_added", f"register '{name}' counts from here")
             return record.arranged(mine.joint_names, self._loads(record))
         self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")

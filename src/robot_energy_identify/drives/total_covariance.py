@@ -100,10 +100,11 @@ def _second_moments(
         own = np.hypot(stated, size * prior)
         spread = np.hstack([np.diag(own), common])
         seen = columns @ spread  # per deviation
-        root = np.linalg.cholesky(np.eye(seen.shape[1]) + seen.T @ seen)
+        # L L' = I + seen' seen; formed, exact readings would lose the I by rounding.
+        root = np.linalg.qr(np.vstack([np.eye(seen.shape[1]), seen]), mode="r").T
         inverse = np.linalg.inv(root)
         step = inverse @ (seen.T @ target)
-        scores[place] = 0.5 * float(step @ step) - float(np.log(np.diagonal(root)).sum())
+        scores[place] = 0.5 * float(step @ step) - float(np.log(np.abs(np.diagonal(root))).sum())
         left = spread @ inverse.T  # what the readings leave open is left left'
         apart = [left, (left @ step + begin)[:, None], left @ inverse @ (seen.T @ sensors)]
         every = np.hstack(apart)
@@ -129,7 +130,8 @@ def _before(
         except NotIdentifiableError:
             losses = fit.coefficients
     size = np.abs(losses)
-    size = np.maximum(size, LEAST * size.max(axis=1, keepdims=True))
+    largest = np.maximum(size, np.abs(fit.coefficients)).max(axis=1, keepdims=True)
+    size = np.maximum(size, LEAST * largest)
     spread = np.array([SPREAD[term] for term in LOSS_TERMS])[:, None]
     rows = [*(spread * size)]
     stated = [np.zeros_like(size[0])] * len(rows)

@@ -154,9 +154,9 @@ def _write_rotor(joint: Joint, ratio: float, estimate: Estimate) -> Joint:
 
 
 def _write_viscous(joint: Joint, ratio: float, estimate: Estimate) -> Joint:
-    """Set a law that knows no temperature."""
+    """Set a law that knows no temperature and is in proportion to the speed."""
     law = ConstantLaw(law="constant", viscous=estimate.figure(ratio**-2))
-    return _with_friction(joint, viscous=law)
+    return _with_friction(joint, viscous=law, viscous_exponent=None)
 
 
 def _write_coulomb(smooth_velocity: float, joint: Joint, ratio: float, estimate: Estimate) -> Joint:

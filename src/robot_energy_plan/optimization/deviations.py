@@ -52,6 +52,7 @@ class EnergyDeviations:
     def __init__(self, model: RobotModel) -> None:
         self.figures = FigureDeviations(model)
         self._certainty = FrictionCertainty(model)
+        self._fallback_degc = model.temperature.fallback_degc
         kind = DRIVE_MODELS[model.drive]
         entries = kind.entries(self.figures.model.joints)
         self._drive = None if kind.loss_deviations is None else kind.loss_deviations(entries)
@@ -86,6 +87,9 @@ class EnergyDeviations:
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
         own = np.sqrt(np.maximum(std**2 - shared**2, 0.0))
         square = speed * speed
+        bent = figures.by_exponent(motor_velocity)
+        if bent is not None:
+            square = square * bent[0]
         carried = rigid_power * figures.payload_share
         at_bus = [
             figures.bodies * (rigid_power - carried).sum(axis=1)[:, None],
@@ -95,6 +99,10 @@ class EnergyDeviations:
             square * own * figures.viscous,
             held,
         ]
+        if bent is not None:
+            known = np.isfinite(motor_temperature_degc)
+            degc = np.where(known, motor_temperature_degc, self._fallback_degc)
+            at_bus.append(bent[1] * figures.friction.viscous(degc))
         if self._drive is not None:
             at_bus += list(self._drive(speed, motor_torque))
         elif self._lossless:

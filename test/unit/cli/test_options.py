@@ -74,3 +74,11 @@ def test_options_of_a_part_are_options_of_a_replay():
 def test_a_value_that_is_not_allowed_is_refused_before_anything_is_read(option, value):
     with pytest.raises(re.ParameterError, match=f"'{option}' of identify_all is"):
         re.identify_all("no bag", "kr16", **{option: value})
+
+
+@pytest.mark.parametrize("value", ["no", 1, ["sleep"]])
+def test_a_switch_is_true_or_false(value):
+    with pytest.raises(
+        re.ParameterError, match=r"'standby' of optimize is .*; expected True or False"
+    ):
+        re.optimize("no bag", "kr16", 30.0, standby=value)

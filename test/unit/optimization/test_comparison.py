@@ -3,14 +3,18 @@
 import numpy as np
 import pytest
 
+from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.certainty.priors import figure_std
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.joint import ViscousExponent
 from robot_energy.model.schema import Covariance
+from robot_energy.physics.friction import FrictionModel
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.comparison import compare_motions
-from robot_energy_plan.optimization.deviations import DeviationSums
+from robot_energy_plan.optimization.deviations import DeviationSums, EnergyDeviations
 from robot_energy_plan.prediction import predict
 
 MODEL = load("kr16")
@@ -66,6 +70,35 @@ def test_columns_of_figures_known_together_are_those_of_their_covariance():
         variances.append(sums.energy @ sums.energy)
     expected = change @ matrix @ change - np.square(change * stds).sum()
     assert variances[1] - variances[0] == pytest.approx(expected, rel=0.01)
+
+
+def test_an_exponent_of_the_speed_is_in_the_columns_of_friction():
+    """One joint at a constant speed w: ``s(fv) |w u|`` and ``s(q) fv |w u ln(w / wq)|``."""
+    exponent, std, velocity, speed, degc = 0.7, 0.3, 100.0, 300.0, np.full(6, 40.0)
+    term = ViscousExponent(
+        exponent=PositiveFigure(value=exponent, tag="identified", std=std),
+        velocity=PositiveFigure(value=velocity, tag="derived"),
+    )
+    joint = MODEL.joints[0]
+    friction = joint.friction.model_copy(update={"viscous_exponent": term})
+    bent = MODEL.changed(
+        joints=[joint.model_copy(update={"friction": friction}), *MODEL.joints[1:]]
+    )
+    turning = np.zeros((1, 6))
+    turning[0, 0] = speed
+    still, nothing = np.zeros((1, 6)), np.zeros(1)
+    squares = [
+        np.square(EnergyDeviations(model).columns(turning, still, still, still, still, still, degc,
+                                                  nothing)).sum()
+        for model in (MODEL, bent)
+    ]  # fmt: skip
+    moved = speed * velocity * (speed / velocity) ** exponent  # w u
+    viscous = FrictionModel.from_model(MODEL).viscous(degc)[0]
+    sure = FrictionCertainty(MODEL).std(degc[None, :])[0][0, 0]
+    by_law = sure**2 * (moved**2 - speed**4)
+    by_exponent = (std * viscous * moved * np.log(speed / velocity)) ** 2
+    assert squares[1] - squares[0] == pytest.approx(by_law + by_exponent, rel=1e-6)
+    assert by_exponent > 0.1 * abs(by_law)
 
 
 def test_a_band_of_a_difference_is_far_below_that_of_an_energy():

@@ -56,12 +56,19 @@ class Drawn:
         return fit.constant + float((mean * fit.coefficients).sum()) - 120.0 - losses - off, true
 
 
-def drawn(seed: int, location: MeterLocation, spread: float = 0.5, stands: bool = False) -> Drawn:
+def drawn(
+    seed: int,
+    location: MeterLocation,
+    spread: float = 0.5,
+    stands: bool = False,
+    noise: float = 6.0,
+) -> Drawn:
     """Draw a robot; the model knows the torque of its bodies, which is 0, and its own friction.
 
     Args:
         spread: Of the logarithm of each figure.
         stands: Whether the first axis never moves.
+        noise: Of the readings. [W]
     """
     random = np.random.default_rng(seed)
     losses = SIZES * np.exp(random.normal(0.0, spread, SIZES.shape))
@@ -71,7 +78,9 @@ def drawn(seed: int, location: MeterLocation, spread: float = 0.5, stands: bool 
     terms = readings(random, 400, reach)
     of_model = terms[:, 1] @ COULOMB + terms[:, 2] @ VISCOUS
     whole = terms[:, 1] @ (friction[0] * COULOMB) + terms[:, 2] @ (friction[1] * VISCOUS)
-    measured = 120.0 + np.einsum("krj,rj->k", terms, losses) + whole + random.normal(0.0, 6.0, 400)
+    measured = (
+        120.0 + np.einsum("krj,rj->k", terms, losses) + whole + random.normal(0.0, noise, 400)
+    )
     unknown, block = np.full(400, np.nan), np.arange(400) // 10
     data = Sums(NAMES, location, np.ones(400), measured, of_model, terms, unknown, unknown,
                 np.zeros(400, dtype=np.int64), block, SIZES, np.zeros((400, 6)), EXACT,
@@ -118,6 +127,15 @@ def test_other_motions_lie_in_the_band_of_the_covariance(location):
     assert np.mean(np.array(errors) <= halves) >= 0.85
     assert np.median(halves) < 2.5 * np.median(errors)  # 2.4 for normal errors
     assert np.median(apart) > 4.0  # each figure for itself would be that much wider
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-6, 1e-9, 0.0])
+def test_readings_without_noise_leave_a_covariance(noise):
+    """As of a simulator: what they leave open is small, and no sum of figures has less than 0."""
+    _, covariance = known(drawn(2, MeterLocation.DC_BUS, noise=noise))
+    size = np.diagonal(np.array(covariance.matrix))
+    assert np.isfinite(size).all()
+    assert (size > 0).all()
 
 
 def test_an_axis_of_which_readings_say_nothing_is_as_sure_as_the_others_turn_out_to_be():

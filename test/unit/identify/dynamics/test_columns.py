@@ -7,6 +7,7 @@ import robots
 from excited import fourier_motion
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel
+from robot_energy.model.joint import ViscousExponent
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy_identify.dynamics.torque_model import Estimate, standard_columns
@@ -63,6 +64,15 @@ def test_friction_column_is_the_monitors_friction(kind):
     np.testing.assert_allclose(
         DRIVETRAIN.motor_torque_from_joint(joint_torque), monitor_friction(model), atol=1e-12
     )
+
+
+def test_viscous_friction_that_was_fitted_in_proportion_to_speed_has_no_exponent():
+    bent = ViscousExponent(exponent=robots.figure(0.7), velocity=robots.figure(150.0))
+    joint = MODEL.joints[0]
+    friction = joint.friction.model_copy(update={"viscous_exponent": bent})
+    given = joint.model_copy(update={"friction": friction})
+    found = column_of("viscous").write(given, 100.0, Estimate(2.0, 0.1, "identified", "test"))
+    assert found.friction.viscous_exponent is None
 
 
 def test_rotor_column_is_the_monitors_rotor_torque():
