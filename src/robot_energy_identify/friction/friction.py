@@ -205,8 +205,8 @@ def fit_laws(data: FrictionData, source: str = "") -> FrictionFit:
 def _bent(fit: FrictionFit, data: FrictionData) -> FrictionData | None:
     """Samples with the exponent of the speed in viscous friction; None if it does not show.
 
-    It shows where it is surely not 1 and torque that no fit has seen is predicted better by `GAIN`;
-    each fit to the rest refines it.
+    It shows where it is surely not 1 and torque that no fit has seen is predicted better by `GAIN`,
+    and whole recordings better; each fit to the rest refines it.
     """
     try:
         bent, std = with_exponent(fit.law, data)
@@ -216,7 +216,26 @@ def _bent(fit: FrictionFit, data: FrictionData) -> FrictionData | None:
     except NotIdentifiableError:
         return None
     names = {"none": fit.errors[fit.chosen].rms, "exponent": error}
-    return None if simplest(names) == "none" else bent
+    shows = simplest(names) != "none" and _confirmed(fit.chosen, data, bent)
+    return bent if shows else None
+
+
+def _confirmed(law: str, plain: FrictionData, more: FrictionData) -> bool:
+    """Whether what was found on other recordings predicts a recording better by a further term.
+
+    Blocks of a recording are alike; temperatures that are held out are other recordings already.
+    """
+    if folds_of_axis(plain)[0] == "temperatures" or plain.run[0] == plain.run[-1]:
+        return True
+    run = np.unique(plain.run, return_inverse=True)[1]
+    fold = contiguous_folds(int(run.max()) + 1)[run]
+    try:
+        without, found = (
+            held_out_law(partial(fit_law, law), data, fold).rms for data in (plain, more)
+        )
+    except NotIdentifiableError:
+        return False
+    return found < without
 
 
 def with_exponent(law: LawEntry, data: FrictionData) -> tuple[FrictionData, float]:
@@ -260,7 +279,7 @@ def _saturation(plain: FrictionFit, data: FrictionData) -> float | None:
     """Load at which friction by load saturates, infinite for never; None if it does not show.
 
     It shows where its share is surely above 0 and torque that no fit has seen is predicted better
-    by `GAIN`, with temperatures or blocks held out as for the laws.
+    by `GAIN`, with temperatures or blocks held out as for the laws, and whole recordings better.
     """
     whole, fold = data.by_load(np.inf), folds_of_axis(data)[1]
     try:
@@ -276,7 +295,9 @@ def _saturation(plain: FrictionFit, data: FrictionData) -> float | None:
         return None
     names = {"none": plain.errors[plain.chosen].rms, **{str(k): v for k, v in errors.items()}}
     chosen = simplest(names)
-    return None if chosen == "none" else float(chosen)
+    if chosen == "none" or not _confirmed(plain.chosen, data, data.by_load(float(chosen))):
+        return None
+    return float(chosen)
 
 
 def load_of(fit: Fit, data: FrictionData) -> tuple[float, float, float] | None:

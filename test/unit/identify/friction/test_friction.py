@@ -138,9 +138,9 @@ def test_friction_by_load_that_is_not_there_is_not_written():
     assert logged.entry(stated, "test").load_coulomb == before.coulomb
 
 
-def bent(exponent, seed=0, minutes=15):
+def bent(exponent, seed=0, minutes=15, **kinds):
     """The same axis with viscous friction by a power of the speed, which is as before at 120."""
-    data = measurement(seed, minutes)
+    data = measurement(seed, minutes, **kinds)
     w, fv = data.motor_velocity, viscous(data.motor_temperature_degc)
     power = 120.0 * np.sign(w) * (np.abs(w) / 120.0) ** exponent
     return replace(data, friction_torque=data.friction_torque + fv * (power - w))
@@ -204,6 +204,26 @@ def test_a_viscous_exponent_that_gains_too_little_is_not_written():
     fit = fit_friction(bent(0.9))
     assert fit.exponent is None
     assert fit.coulomb > COULOMB + 8 * fit.coulomb_std
+
+
+@pytest.mark.parametrize("second", [0.6, 1.1])
+def test_a_viscous_exponent_counts_if_other_recordings_have_it_too(second):
+    """Two recordings at one temperature, the longer one with an exponent of 0.6."""
+    first, other = (
+        bent(exponent, seed, minutes, degc=(30.0, 30.0), noise=0.02)
+        for seed, exponent, minutes in ((0, 0.6, 15), (1, second, 5))
+    )
+    names = ("motor_velocity", "friction_torque", "motor_temperature_degc", "nuisance")
+    data = replace(
+        first,
+        block=np.append(first.block, other.block + first.block[-1] + 1),
+        run=np.append(first.run, other.run + 1),
+        **{name: np.concatenate([getattr(part, name) for part in (first, other)])
+           for name in names},
+    )  # fmt: skip
+    fit = fit_friction(data)
+    assert fit.held_out == "blocks"
+    assert (fit.exponent is not None) == (second == 0.6)
 
 
 def test_the_interval_of_a_viscous_exponent_covers_the_truth():
