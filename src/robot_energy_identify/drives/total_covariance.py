@@ -101,7 +101,7 @@ def _second_moments(
         spread = np.hstack([np.diag(own), common])
         seen = columns @ spread  # per deviation
         # L L' = I + seen' seen; formed, exact readings would lose the I by rounding.
-        root = np.linalg.qr(np.vstack([np.eye(seen.shape[1]), seen]), mode="r").T
+        root = np.linalg.qr(np.vstack([np.eye(seen.shape[1]), seen])).R.T
         inverse = np.linalg.inv(root)
         step = inverse @ (seen.T @ target)
         scores[place] = 0.5 * float(step @ step) - float(np.log(np.abs(np.diagonal(root))).sum())
