@@ -28,7 +28,7 @@ from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.timeline.blocks import Int
 
 BLOCK_ROWS = 8192
-PLAIN_PART = 2**20  # characters that the reader of polars takes at once
+PLAIN_PART = 2**22  # characters that the reader of polars takes at once
 MAX_LINE = 2**20
 """Characters; a packed file could hold one line that fills the memory."""
 MAX_RATIO = 200
