@@ -64,7 +64,7 @@ def zone_of(name: str) -> ZoneInfo:
     """Return a time zone.
 
     Raises:
-        HistoryError: If there is no such zone.
+        HistoryError: If the zone does not exist.
     """
     try:
         return time_zone(name)

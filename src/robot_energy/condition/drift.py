@@ -52,7 +52,7 @@ MAX_RECORDS = 90
 
 @dataclass(frozen=True)
 class AlarmLimits:
-    """Deviations by which a change must stand out to be an alarm, above all that is no wear. [-]
+    """Deviations by which a change must exceed all other causes than wear to be an alarm. [-]
 
     Set by what sound robots of the virtual rig reach in thousands of hours, and changed ones do.
 

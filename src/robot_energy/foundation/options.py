@@ -1,8 +1,8 @@
 """Options of the verbs: each said once, for the keyword, the command and the documentation.
 
 The options of a verb are the keys of a TypedDict. The annotation of a key says what it is:
-``Annotated[float | None, Option("length of a cycle", unit="s", low=0.0)]``; one that is no option
-of a command has a sentence in place of the `Option`.
+``Annotated[float | None, Option("length of a cycle", unit="s", low=0.0)]``. What only Python can
+be given has a sentence in place of the `Option`.
 """
 
 from __future__ import annotations

@@ -181,7 +181,7 @@ class Condition(Protocol):
             reading_degc: NaN where there is none, shape (N, n), not to be written to. [degC]
             viscous: At these readings, changed in place as the next two, shape (N, n). [N m s/rad]
             std: Its deviation, shape (N, n). [N m s/rad]
-            shared: Part of that which errs alike at all joints, shape (N, n). [N m s/rad]
+            shared: Part of it with the same error at all joints, shape (N, n). [N m s/rad]
             quality: Marked in place, shape (N,).
         """
         ...

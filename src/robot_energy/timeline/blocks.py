@@ -281,7 +281,7 @@ class FrictionBlock(Block):
         coulomb: Shape (N, n). [N m]
         viscous: At the row's temperature, shape (N, n). [N m s/rad]
         viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
-        viscous_shared_std: Part of that which errs alike at all joints. [N m s/rad]
+        viscous_shared_std: Part of it with the same error at all joints. [N m s/rad]
         viscous_fallback, viscous_fallback_std: Used once the temperature is stale. [N m s/rad]
         motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
         temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]

@@ -98,7 +98,7 @@ def loaded(share, saturation=np.inf, seed=0, minutes=15):
     return replace(data, friction_torque=data.friction_torque + torque, load=load)
 
 
-def test_friction_by_load_comes_back_beside_the_temperature_law():
+def test_friction_by_load_comes_back_with_the_temperature_law():
     fit = fit_friction(loaded(0.06))
     share, std, saturation = fit.load
     assert share == pytest.approx(0.06, abs=3 * std)
@@ -147,7 +147,7 @@ def bent(exponent, seed=0, minutes=15, **kinds):
 
 
 @pytest.mark.parametrize("exponent", [0.6, 0.75, 1.3])
-def test_a_viscous_exponent_comes_back_beside_the_temperature_law(exponent):
+def test_a_viscous_exponent_comes_back_with_the_temperature_law(exponent):
     """Within its deviations, and as a fit of all figures at once by scipy says."""
     data = bent(exponent)
     fit = fit_friction(data, "bag")
