@@ -38,9 +38,9 @@ from robot_energy_identify.friction.friction import (
     FrictionFit,
     fit_friction,
     fit_laws,
-    folds_of_axis,
     with_friction,
 )
+from robot_energy_identify.friction.held_out import folds_of_axis
 from robot_energy_identify.friction.samples import (
     FrictionData,
     friction_data,

@@ -9,10 +9,10 @@ compete on temperatures they have not seen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,15 @@ from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction, Stribeck, ViscousExponent
-from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import identified
+from robot_energy_identify.friction.further_terms import (
+    exponent_of,
+    exponent_that_shows,
+    load_of,
+    load_that_shows,
+)
+from robot_energy_identify.friction.held_out import HeldOutPart, folds_of_axis, held_out_law
 from robot_energy_identify.friction.laws import (
     MIN_RANGE,
     fit_falling,
@@ -38,8 +44,6 @@ from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import (
     HeldOut,
     Mask,
-    contiguous_folds,
-    folds_by_value,
     held_out,
     rms_of,
     simplest,
@@ -48,11 +52,6 @@ from robot_energy_identify.stats.regression import Fit
 
 MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too small
 MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
-MIN_STD = 3.0  # standard deviations of the share of the load above 0, of an exponent from 1
-SATURATIONS = (0.75, 0.5)  # quantiles of the load that are tried
-EXPONENTS = (0.2, 2.0)  # of the speed in viscous friction, at most
-REFINED, MAX_REFINED = 1e-3, 20  # change of the exponent at which it has settled; rounds at most
-HeldOutPart = Literal["temperatures", "blocks"]
 
 
 @dataclass(frozen=True)
@@ -176,12 +175,12 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     if fit.stribeck is not None:
         return fit
     if len(moving.load) and moving.load.any():
-        saturation = _saturation(fit, moving)
+        saturation = load_that_shows(fit.chosen, fit.errors[fit.chosen].rms, moving)
         if saturation is not None:
             with_load = moving.by_load(saturation)
             loaded = _better(fit, _fit(with_load, source), "friction by load")
             fit, moving = loaded, moving if loaded is fit else with_load
-    bent = _bent(fit, moving)
+    bent = exponent_that_shows(fit.law, fit.errors[fit.chosen].rms, moving)
     if bent is None:
         return fit
     return _better(fit, _fit(bent, source), f"the viscous exponent {bent.exponent:.3g}")
@@ -200,115 +199,6 @@ def _better(plain: FrictionFit, fit: FrictionFit, term: str) -> FrictionFit:
 def fit_laws(data: FrictionData, source: str = "") -> FrictionFit:
     """Return the friction of one axis without a search for further terms; see `fit_friction`."""
     return _fit(moving_samples(data), source)
-
-
-def _bent(fit: FrictionFit, data: FrictionData) -> FrictionData | None:
-    """Samples with the exponent of the speed in viscous friction; None if it does not show.
-
-    It shows where it is surely not 1 and torque that no fit has seen is predicted better by `GAIN`,
-    and whole recordings better; each fit to the rest refines it.
-    """
-    try:
-        bent, std = with_exponent(fit.law, data)
-        if not abs(bent.exponent - 1.0) > MIN_STD * std:
-            return None
-        error = held_out_law(partial(fit_law, fit.chosen), bent, folds_of_axis(data)[1]).rms
-    except NotIdentifiableError:
-        return None
-    names = {"none": fit.errors[fit.chosen].rms, "exponent": error}
-    shows = simplest(names) != "none" and _confirmed(fit.chosen, data, bent)
-    return bent if shows else None
-
-
-def _confirmed(law: str, plain: FrictionData, more: FrictionData) -> bool:
-    """Whether what was found on other recordings predicts a recording better by a further term.
-
-    Blocks of a recording are alike; temperatures that are held out are other recordings already.
-    """
-    if folds_of_axis(plain)[0] == "temperatures" or plain.run[0] == plain.run[-1]:
-        return True
-    run = np.unique(plain.run, return_inverse=True)[1]
-    fold = contiguous_folds(int(run.max()) + 1)[run]
-    try:
-        without, found = (
-            held_out_law(partial(fit_law, law), data, fold).rms for data in (plain, more)
-        )
-    except NotIdentifiableError:
-        return False
-    return found < without
-
-
-def with_exponent(law: LawEntry, data: FrictionData) -> tuple[FrictionData, float]:
-    """Return samples with the exponent of the speed that a law has in them, and its deviation. [-]
-
-    It is refined until the fit no longer moves it.
-
-    Args:
-        law: As fitted without an exponent.
-
-    Raises:
-        NotIdentifiableError: If the motion does not show one in `EXPONENTS`.
-    """
-    exponent, degc = 1.0, np.nan_to_num(data.motor_temperature_degc)
-    for _ in range(0 if one_speed(data) else MAX_REFINED):
-        bent = data.by_exponent(exponent, viscous_law(law).viscous(degc))
-        law, found = fit_law(law.law, replace(bent, deviations=False))
-        step = float(found.values[-1])
-        exponent += step
-        if not EXPONENTS[0] < exponent < EXPONENTS[1]:
-            break
-        if abs(step) < REFINED:
-            return bent, float(fit_law(law.law, bent)[1].std[-1])
-    raise NotIdentifiableError(
-        f"the motion of {data.name} shows no exponent of the speed in its viscous friction",
-        "slow and fast motions, and an exponent between {:g} and {:g}".format(*EXPONENTS),
-    )
-
-
-def exponent_of(fit: Fit, data: FrictionData) -> tuple[float, float, float] | None:
-    """Return the exponent of the speed, its deviation, and the speed at which it changes nothing.
-
-    None where it was not fitted.
-    """
-    if not data.exponent_free:
-        return None
-    return data.exponent + float(fit.values[-1]), float(fit.std[-1]), data.exponent_velocity
-
-
-def _saturation(plain: FrictionFit, data: FrictionData) -> float | None:
-    """Load at which friction by load saturates, infinite for never; None if it does not show.
-
-    It shows where its share is surely above 0 and torque that no fit has seen is predicted better
-    by `GAIN`, with temperatures or blocks held out as for the laws, and whole recordings better.
-    """
-    whole, fold = data.by_load(np.inf), folds_of_axis(data)[1]
-    try:
-        found = load_of(fit_law(plain.chosen, whole)[1], whole)
-        if found is None or not found[0] > MIN_STD * found[1]:
-            return None
-        tried = (np.inf, *np.quantile(data.load, SATURATIONS).tolist())
-        errors = {
-            limit: held_out_law(partial(fit_law, plain.chosen), data.by_load(limit), fold).rms
-            for limit in tried
-        }
-    except NotIdentifiableError:
-        return None
-    names = {"none": plain.errors[plain.chosen].rms, **{str(k): v for k, v in errors.items()}}
-    chosen = simplest(names)
-    if chosen == "none" or not _confirmed(plain.chosen, data, data.by_load(float(chosen))):
-        return None
-    return float(chosen)
-
-
-def load_of(fit: Fit, data: FrictionData) -> tuple[float, float, float] | None:
-    """Return the share of the load in the friction, its deviation, and where it saturates.
-
-    None where it was not fitted.
-    """
-    if not data.loaded:
-        return None
-    place = -data.nuisance.shape[1]
-    return float(fit.values[place]), float(fit.std[place]), data.saturation
 
 
 def _fit(moving: FrictionData, source: str) -> FrictionFit:
@@ -466,46 +356,6 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
         return ()
     figure = constant.viscous
     return (Point(0.5 * (span[0] + span[1]), figure.value, figure.std or 0.0),)
-
-
-def held_out_law(
-    fit: Callable[[FrictionData], tuple[LawEntry, Fit]], data: FrictionData, fold: Int
-) -> HeldOut:
-    """Return the error of a law on folds that its fit has not seen.
-
-    The nuisances and the offset of the test samples come from the training samples too.
-
-    Args:
-        fold: Of each sample, shape (N,).
-    """
-    data = replace(data, deviations=False)
-
-    def predict(train: Mask, test: Mask) -> Float:
-        return law_torque(*fit(data.rows(train)), data.rows(test))
-
-    return held_out(data.friction_torque, fold, predict)
-
-
-def law_torque(law: LawEntry, fit: Fit, seen: FrictionData) -> Float:
-    """Return the torque of a fitted law at other samples, shape (N,). [N m]
-
-    Args:
-        fit: The regression behind it.
-    """
-    degc = np.nan_to_num(seen.motor_temperature_degc)  # without any, the law is a constant
-    viscous = viscous_law(law).viscous(degc)
-    return fit.values[0] * seen.sign + viscous * seen.turning + nuisance(fit, seen)
-
-
-def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:
-    """Return what is held out (temperatures or blocks in time) and each sample's fold, (N,)."""
-    degc = data.motor_temperature_degc
-    fold = folds_by_value(degc)
-    if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:
-        # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
-        number = np.unique(data.block, return_inverse=True)[1]
-        return "blocks", contiguous_folds(int(number.max()) + 1)[number]
-    return "temperatures", fold
 
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:
