@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from robot_energy.foundation.options import Option, documented
+from robot_energy.foundation.described import documented
+from robot_energy.foundation.options import Option
 from robot_energy.replay.options import ReadOptions, ReplayOptions
 
 if TYPE_CHECKING:

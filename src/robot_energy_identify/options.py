@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
-from robot_energy.foundation.options import Option, documented
+from robot_energy.foundation.described import documented
+from robot_energy.foundation.options import Option
 from robot_energy.foundation.units import DQ_FACTORS, DqScaling
 
 if TYPE_CHECKING:

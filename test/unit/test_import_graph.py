@@ -39,8 +39,8 @@ MODULES = {
         programs record thermal_observer wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds options process_memory schema_errors shown
-        shown_text stopping time_zone units
+        blas_threads config_file described errors extras kinds options process_memory schema_errors
+        shown shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder placement private_file

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
@@ -20,7 +20,6 @@ from robot_energy.foundation.errors import OptionError, ParameterError
 from robot_energy.foundation.kinds import LIKELY
 
 Verb = TypeVar("Verb", bound=Callable[..., object])
-Class = TypeVar("Class", bound=type)
 MAX_NUMBER = 1e9  # larger than any figure of a robot, whatever its unit
 FLAG = re.compile(r"--([a-z-]+)")
 
@@ -89,21 +88,6 @@ def options_of(options: type) -> dict[str, Option]:
         for name, kind in kinds.items()
         if isinstance(kind.__metadata__[0], Option)
     }
-
-
-def documented(kind: Class) -> Class:
-    """Return a class, its docstring with what its annotations say, for help and pages."""
-    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
-    if lines and kind.__doc__:
-        kind.__doc__ += f"\n\nAttributes:{lines}"
-    return kind
-
-
-def texts_of(kind: type) -> Iterator[tuple[str, str]]:
-    """Yield what the annotations of a class say of each name, in words."""
-    for name, annotation in inspect.get_annotations(kind).items():
-        if text := str(getattr(annotation, "__metadata__", ("",))[0]):
-            yield name, text
 
 
 def takes(options: type) -> Callable[[Verb], Verb]:

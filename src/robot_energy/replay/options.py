@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypedDict
 
-from robot_energy.foundation.options import Option, documented
+from robot_energy.foundation.described import documented
+from robot_energy.foundation.options import Option
 
 if TYPE_CHECKING:
     from robot_energy.condition.learner import ConditionRecord
