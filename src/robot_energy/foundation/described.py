@@ -25,10 +25,14 @@ def texts_of(kind: type) -> Iterator[tuple[str, str]]:
 
 def documented(kind: Class) -> Class:
     """Return a class, its docstring with what its annotations say."""
-    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
-    if lines and kind.__doc__:
-        kind.__doc__ += f"\n\nAttributes:{lines}"
+    kind.__doc__ = inspect.cleandoc(kind.__doc__ or "") + section_of(kind)
     return kind
+
+
+def section_of(kind: type) -> str:
+    """Return what the annotations of a class say, as the last section of its docstring."""
+    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
+    return f"\n\nAttributes:{lines}" if lines else ""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
