@@ -37,7 +37,8 @@ class IdentifyOptions(SourceOptions, total=False):
 
     test: Annotated[str | Path | Sequence[str | Path], Option(
         "recordings for the test alone", value="BAG", several="in a row", default=())]
-    held_out: Annotated[bool, "Whether to test the energy on held-out recordings (default)."]
+    held_out: Annotated[bool, Option(
+        "whether to test the energy on held-out recordings", default=True)]
     drive_power: Annotated[str | Sequence[str] | None, Option(
         "array with the power of each drive [W]; or four arrays, from which the power is computed: "
         "currents d and q [A], voltages d and q [V]",

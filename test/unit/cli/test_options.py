@@ -28,8 +28,9 @@ VERBS = {
 PYTHON = {
     "test": {"jobs", "processes", "out", "overwrite", "power_period"},
     "shared-bus": {"robot", "jobs", "processes", "out", "overwrite", "power_period"},
-    "advise": {"jobs", "processes", "out", "overwrite", "power_period"},
+    "advise": {"jobs", "processes", "out", "overwrite", "power_period", "look_at_speeds"},
     "fleet run": {"processes"},
+    "identify all": {"held_out"},
 }
 
 
@@ -82,3 +83,5 @@ def test_a_switch_is_true_or_false(value):
         re.ParameterError, match=r"'standby' of optimize is .*; expected True or False"
     ):
         re.optimize("no bag", "kr16", 30.0, standby=value)
+    with pytest.raises(re.ParameterError, match="'held_out' of identify_all is"):
+        re.identify_all("no bag", "kr16", held_out=value)
