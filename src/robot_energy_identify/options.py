@@ -51,7 +51,7 @@ class IdentifyOptions(SourceOptions, total=False):
         "transformation (default: peak)",
         choices=tuple(DQ_FACTORS), default="peak", group=OF_DRIVES)]
     skip: Annotated[Sequence[Subject], Option(
-        "leave these as the model has them: %(choices)s",
+        "leave these as the model has them",
         value="PART", choices=SUBJECTS, several="in a row", default=())]
     link_voltages: Annotated[tuple[float, float] | None,
         "Of the DC link: rectified mains, start of the brake chopper. [V]"]

@@ -47,7 +47,7 @@ MODULES = {
         regular_file temporary_folder xml_encoding
     """,
     "robot_energy.inputs": """
-        auxiliary bag_topics inputs_file parameters rejection_log sources
+        auxiliary bag_topics inputs_file options parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts

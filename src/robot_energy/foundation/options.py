@@ -29,8 +29,9 @@ class Option:
     """What one option is.
 
     Attributes:
-        text: Help of the command, where ``%(choices)s`` are the texts allowed.
+        text: What it does, in words that fit the command as well as the documentation.
         unit: Of a number; ``1`` for a whole one.
+        absent: What holds where it is not given and no `default` says so; empty if the text does.
         value: What stands for any other value in the help; empty for a switch.
         low: Least number allowed. [its unit]
         high: Greatest number allowed. [its unit]
@@ -42,6 +43,7 @@ class Option:
 
     text: str
     unit: str = ""
+    absent: str = ""
     value: str = ""
     low: float = -MAX_NUMBER
     high: float = MAX_NUMBER
@@ -73,9 +75,16 @@ class Option:
         if not fits:
             raise ParameterError(f"parameter '{name}' of {verb} is {value!r}", self.expected)
 
+    @property
+    def help(self) -> str:
+        """What it is, in the help of the command."""
+        about = ["one of %(choices)s"] if self.value and self.choices else []
+        about += [f"default: {self.absent}"] if self.absent else []
+        return f"{self.text} ({'; '.join(about)})" if about else self.text
+
     def __str__(self) -> str:
         """What it is, in the documentation."""
-        text = self.text.replace("%(choices)s", ", ".join(map(str, self.choices)))
+        text = self.help.replace("%(choices)s", ", ".join(map(str, self.choices)))
         text = FLAG.sub(lambda flag: f"``{flag[1].replace('-', '_')}``", text)
         return f"{text[:1].upper()}{text[1:]}." + (f" [{self.unit}]" if self.unit else "")
 
