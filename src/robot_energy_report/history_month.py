@@ -17,20 +17,17 @@ from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy_report.canvas import MAX_TICK, PART_COLOURS, SERIES, canvas
 from robot_energy_report.document import Column, Document, Tiles
 from robot_energy_report.formats import NOTHING, counted, fixed, number, percent, signed_percent
+from robot_energy_report.page.energy_flow import PARTS
 from robot_energy_report.page.history_view import HistoryView
 
-PARTS = {  # as all reports name them, and what each is
-    "friction": (
-        "friction", "lost in bearings, gears and seals; falls as they warm up, grows as they wear"
-    ),
-    "drives": ("drive losses", "lost in motors and inverters"),
-    "motion": (
-        "lifting, accelerating", "into the bodies, less what came back; small over a month"
-    ),
-    "brake": ("brake resistor", "turned into heat, as nothing else took it"),
-    "cabinet": ("constant losses", "drawn by controller, fans and supplies all the time"),
-    "capacitor": ("capacitor", "left in the DC link"),
-}  # fmt: skip
+MEANINGS = {
+    "friction": "lost in bearings, gears and seals; falls as they warm up, grows as they wear",
+    "drives": "lost in motors and inverters",
+    "motion": "into the bodies, less what came back; small over a month",
+    "brake": "turned into heat, as nothing else took it",
+    "cabinet": "drawn by controller, fans and supplies all the time",
+    "capacitor": "left in the DC link",
+}
 EXPLAINED = (
     ("energy from the grid", "what the models say that the robots drew from the grid"),
     ("at rest", "the energy of the time without motion"),
@@ -169,8 +166,8 @@ def _losses(page: Document, answer: Figures) -> None:
         "",
         ("part", "kWh", "share", "meaning"),
         [
-            (called, _kwh(value), percent(value / net if net else None), meaning)
-            for (called, meaning), value in ((PARTS[name], sums[name]) for name in sums)
+            (PARTS[name], _kwh(value), percent(value / net if net else None), MEANINGS[name])
+            for name, value in sums.items()
         ],
         ("net from the grid", _kwh(net), percent(1.0 if net else None), "less what was fed back"),
     )
@@ -263,7 +260,7 @@ def draw_days(answer: Figures, target: BytesIO) -> None:
             values = [(value or 0.0) / JOULE_PER_KWH for value in one["values"]]
             base = [d if v < 0 else u for v, u, d in zip(values, up, down, strict=True)]
             colour = PART_COLOURS.get(one["name"], colours.get(order, "#9a9a9a"))
-            name = PARTS[one["name"]][0] if answer["group"] == "part" else one["name"]
+            name = PARTS[one["name"]] if answer["group"] == "part" else one["name"]
             label = shown(name, MAX_TICK)
             axes.bar(places, values, 0.8, bottom=base, color=colour, label=label)
             up = [u + max(v, 0.0) for u, v in zip(up, values, strict=True)]
