@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -136,24 +135,24 @@ def _days(page: Document, answer: Figures) -> None:
 def _robots(page: Document, answer: Figures) -> None:
     page.heading("Robots")
     columns = [
-        Column("robot", itemgetter("robot")),
-        Column("energy", itemgetter("energy"), _kwh, "kWh", total=True),
+        Column("robot", "robot"),
+        Column("energy", "energy", _kwh, "kWh", total=True),
         Column(
             "change",
             lambda row: _ratio(row["same"], row["before"]) if row["fair"] else None,
             signed_percent,
         ),
-        Column("in motion", itemgetter("motion"), _kwh, "kWh", total=True),
-        Column("at rest", itemgetter("hold"), _kwh, "kWh", total=True),
-        Column("standby", itemgetter("standby"), _kwh, "kWh", total=True),
-        Column("friction", itemgetter("friction"), _kwh, "kWh", total=True),
-        Column("measured", itemgetter("measured"), _kwh, "kWh"),
+        Column("in motion", "motion", _kwh, "kWh", total=True),
+        Column("at rest", "hold", _kwh, "kWh", total=True),
+        Column("standby", "standby", _kwh, "kWh", total=True),
+        Column("friction", "friction", _kwh, "kWh", total=True),
+        Column("measured", "measured", _kwh, "kWh"),
         Column("error", lambda row: _ratio(row["at_meter"], row["measured"]), signed_percent),
-        Column("peak", itemgetter("peak"), fixed(0), "W"),
+        Column("peak", "peak", fixed(0), "W"),
         Column("observed", lambda row: row["observed"] / 3600.0, fixed(1), "h", total=True),
     ]
     if answer["currency"]:
-        columns.insert(2, Column("cost", itemgetter("cost"), fixed(2), answer["currency"], True))
+        columns.insert(2, Column("cost", "cost", fixed(2), answer["currency"], True))
     rows = sorted(answer["robots"], key=lambda row: -row["energy"])
     page.rows("", columns, rows, "all" if len(rows) > 1 else "")
 
@@ -181,9 +180,9 @@ def _standby(page: Document, answer: Figures) -> None:
     page.rows(
         "",
         [
-            Column("when", itemgetter("name")),
-            Column("standby", itemgetter("energy"), _kwh, "kWh", total=True),
-            Column("cost", itemgetter("cost"), fixed(2), answer["currency"], total=True),
+            Column("when", "name"),
+            Column("standby", "energy", _kwh, "kWh", total=True),
+            Column("cost", "cost", fixed(2), answer["currency"], total=True),
         ],
         answer["rests"],
         "together",
@@ -198,10 +197,10 @@ def _jobs(page: Document, answer: Figures) -> None:
     page.rows(
         "",
         [
-            Column("job", itemgetter("name")),
-            Column("robot", itemgetter("robot")),
-            Column("parts", itemgetter("count"), total=True),
-            Column("energy", itemgetter("energy"), _kwh, "kWh", total=True),
+            Column("job", "name"),
+            Column("robot", "robot"),
+            Column("parts", "count", total=True),
+            Column("energy", "energy", _kwh, "kWh", total=True),
             Column("of each", lambda row: row["mean"] / 3600.0, fixed(2), "Wh"),
             Column("change", lambda row: _ratio(row["mean"], row["before"]), signed_percent),
         ],
@@ -238,12 +237,12 @@ def _tariffs(page: Document, answer: Figures) -> None:
     page.rows(
         "",
         [
-            Column("from", itemgetter("begin")),
+            Column("from", "begin"),
             Column("price per kWh", lambda one: _priced(one["price_per_kwh"], one["currency"])),
             Column("other times", lambda one: _times(one["time_of_use"]) or None),
-            Column("CO2", itemgetter("co2_kg_per_kwh"), lambda value: f"{value:g}", "kg/kWh"),
+            Column("CO2", "co2_kg_per_kwh", lambda value: f"{value:g}", "kg/kWh"),
             Column("source", lambda one: one["co2_source"] or None),
-            Column("time zone", itemgetter("timezone")),
+            Column("time zone", "timezone"),
         ],
         answer["tariffs"],
     )
