@@ -35,9 +35,6 @@ def open_logs(
     Returns:
         The recordings: in the order of their time if that has a date or one clock, else as
         they are given.
-
-    Raises:
-        LogFormatError: If a file cannot be read or lacks a column.
     """
     found = [Path(path) for path in paths]
     if not found:
@@ -72,9 +69,6 @@ def import_log(
 
     Returns:
         What was written, and the account of every row.
-
-    Raises:
-        LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
     """
     files = [paths] if isinstance(paths, str | Path) else paths
     if mapping.joints.position is None:

@@ -35,9 +35,6 @@ class MappedLog:
 
     Args:
         optional: Whether the file may lack columns other than those of time and position.
-
-    Raises:
-        LogFormatError: If a file cannot be read or lacks a column.
     """
 
     def __init__(
@@ -180,9 +177,6 @@ class MappedLog:
 
         Args:
             clock: Of all files of the log; None: of this one alone.
-
-        Raises:
-            LogFormatError: If a file cannot be read, is too long, or has no usable row.
         """
         blocks = [block for block in self.blocks(clock, kept=True) if len(block)]
         if not blocks:

@@ -38,7 +38,6 @@ class Steps:
     """Turns finished jobs into a share of the work.
 
     Args:
-        progress: Called with the share done, 0 to 1; None for no report.
         share: What all jobs together are of the work. [-]
     """
 
@@ -61,11 +60,7 @@ class Steps:
 def job_pool(
     workers: int, done: Callable[[Future[Any]], None]
 ) -> Generator[Callable[..., Future[Any]]]:
-    """Yield a function that starts a job: in another process, or here and at once.
-
-    Raises:
-        RigError: If a process ended by itself.
-    """
+    """Yield a function that starts a job: in another process, or here and at once."""
     if workers <= 1:
 
         def now(job: Callable[..., Any], *args: Any) -> Future[Any]:

@@ -89,8 +89,6 @@ def predict(
         motion: From start to end; its joints are matched by name.
         motor_temperature_degc: One for all motors, or shape (n,). [degC]
         notes: What a reader should know of the motion, one sentence each.
-        on_output: Called with what each step of the pipeline gave.
-        **options: See `PredictOptions`.
     """
     payload, auxiliary = options.get("payload", ()), options.get("auxiliary", {})
     repeat, max_samples = options.get("repeat", 1), options.get("max_samples", MAX_SAMPLES)

@@ -73,11 +73,7 @@ class SearchResult:
 
 
 def search(fit: TorqueFit) -> SearchResult:
-    """Return the causes, the strongest first, and what cannot be seen.
-
-    Args:
-        fit: Of the recording.
-    """
+    """Return the causes, the strongest first, and what cannot be seen."""
     found: list[Found] = []
     while True:
         likely = [cause for cause in candidates(fit) if worth_a_fit(cause, fit)]
@@ -162,7 +158,6 @@ def contradicts(part: Evidence, cause: Cause) -> bool:
 
     Args:
         part: Thinned.
-        cause: Found in others.
     """
     fit = TorqueFit(part)
     return fit_without(cause, fit).cost > fit.cost + ALIKE

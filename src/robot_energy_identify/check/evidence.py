@@ -134,11 +134,7 @@ class Evidence:
         return replace(few, supply=None, shaft_power=None, meter=None) if without_power else few
 
     def rows(self, chosen: slice) -> Evidence:
-        """Return some of the samples.
-
-        Args:
-            chosen: Which.
-        """
+        """Return some of the samples."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in BY_SAMPLE})
 
     @property
@@ -151,11 +147,7 @@ class Evidence:
 
 
 def remarks_of(result: Replay) -> Remarks:
-    """Return what the stages noticed in a replay.
-
-    Args:
-        result: The replay, at its end.
-    """
+    """Return what the stages noticed in a replay."""
     account = result.joint_states.rejections
     stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
     return Remarks(
@@ -190,12 +182,7 @@ def evidence_of(
     """Return the evidence in what the stages of the monitor gave.
 
     Args:
-        model: The model to check against.
-        effort: What the effort in the joint states means.
-        torque: Of every sample.
         power: Of the same samples, of some of them, or None.
-        meter: Readings; None without a meter.
-        remarks: What the stages noticed.
         inputs: How the recording was read; None: as the types of its topics say.
         carried: Payload in force at the end; None: that of the model.
         beyond_torque: As in `Evidence`; None: from these samples.

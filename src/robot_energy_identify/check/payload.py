@@ -18,7 +18,6 @@ def more_payload(evidence: Evidence, mass: float) -> tuple[Payload, ...]:
     """Return the payload of the robot with more mass in the same place.
 
     Args:
-        evidence: The recording.
         mass: More than in the model. [kg]
     """
     carried = evidence.robot.payload
@@ -45,7 +44,6 @@ def carried_payload(
     None if it would be surely less than nothing, or if nothing would change.
 
     Args:
-        evidence: The recording.
         mass: More than in the model. [kg]
         std: Standard deviation of it. [kg]
         moment: Its mass times its centre, in the frame of the last link, shape (3,). [kg m]

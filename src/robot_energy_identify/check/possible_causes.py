@@ -63,23 +63,13 @@ class Cause:
 
 
 def fit_without(cause: Cause, fit: TorqueFit) -> TorqueFit:
-    """Return the fit of a recording without a cause.
-
-    Args:
-        cause: To be undone.
-        fit: Of the recording with it.
-    """
+    """Return the fit of a recording without a cause."""
     evidence = cause.correct(fit.evidence)
     return TorqueFit(evidence, fit.bodies if same_motion(evidence, fit.evidence) else None)
 
 
 def worth_a_fit(cause: Cause, fit: TorqueFit) -> bool:
-    """Whether a cause is not far less likely than the recording as it is.
-
-    Args:
-        cause: To be undone.
-        fit: Of the recording with it.
-    """
+    """Whether a cause is not far less likely than the recording as it is."""
     evidence = cause.correct(fit.evidence)
     # a joint that is exchanged has other columns; without other motion a fit is cheap
     if cause.name == "joint_order" or same_motion(evidence, fit.evidence):
@@ -88,11 +78,7 @@ def worth_a_fit(cause: Cause, fit: TorqueFit) -> bool:
 
 
 def candidates(fit: TorqueFit) -> list[Cause]:
-    """Return the causes worth a trial with a recording.
-
-    Args:
-        fit: Of the recording as it is now.
-    """
+    """Return the causes worth a trial with a recording."""
     evidence = fit.evidence
     count = len(evidence.names)
     known = np.flatnonzero(fit.known).tolist()
@@ -222,7 +208,6 @@ def zero_offset(joints: tuple[int, ...], value: float, std: float = float("nan")
     """The zero of a joint is off by ``value``; that of a second one by ``-value``.
 
     Args:
-        joints: Indices in model order, one or two.
         value: Recorded less true position of the first. [rad]
         std: Of it; NaN where it is a choice. [rad]
     """
@@ -276,9 +261,6 @@ def _payloads(fit: TorqueFit) -> Iterator[Cause]:
 
 def payload_of(fit: TorqueFit) -> tuple[float, float, Float]:
     """Return the most likely mass beyond the model's payload, its deviation, and its moments.
-
-    Args:
-        fit: Of a recording.
 
     Returns:
         [kg], [kg], and shape (3,), in the frame of the last link. [kg m]

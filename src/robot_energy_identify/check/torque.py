@@ -53,7 +53,6 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
     """Return findings on the torque against the model, and why there cannot be any.
 
     Args:
-        evidence: The recording, or several joined.
         parts: Each of them, thinned: what makes one of them less likely is not blamed.
     """
     if evidence.effort is EffortMeaning.NONE:

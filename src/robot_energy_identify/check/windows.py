@@ -25,11 +25,7 @@ Window = tuple[list[TorqueBlock], list[PowerBlock], list[MeterBlock]]
 
 
 class Windows:
-    """Keeps all windows, then every second one, every fourth, ... as they become too many.
-
-    Args:
-        model: Of the robot.
-    """
+    """Keeps all windows, then every second one, every fourth, ... as they become too many."""
 
     def __init__(self, model: RobotModel) -> None:
         robot = Robot.from_model(model)
@@ -44,11 +40,7 @@ class Windows:
         return self._limits.sentences()
 
     def take(self, output: Output) -> None:
-        """Keep what one step gave.
-
-        Args:
-            output: Of the pipeline.
-        """
+        """Keep what one step gave."""
         if output.torque is not None:
             self._limits.step(output.torque)
         for kind, block in enumerate((output.torque, output.power, output.meter)):

@@ -137,9 +137,6 @@ class ParameterColumn:
 
         Args:
             ratio: Gear ratio of the motor. [-]
-
-        Raises:
-            ModelFileError: If a model file has no place for it.
         """
         if self.written is None:
             raise ModelFileError(

@@ -52,13 +52,8 @@ def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence
     """Return the joints of a first model, and their limits.
 
     Args:
-        urdf_xml: Text of the URDF.
         class_name: A name of `CLASSES`; None: chosen by peak power and mass.
         joint_names: The joints to model; empty: all independent moving joints without grippers.
-
-    Raises:
-        RobotDescriptionError: If the URDF cannot be used, or nothing in it moves.
-        UnknownJointError: If it lacks one of ``joint_names``.
     """
     root = parse(urdf_xml)
     names, left_out = _chosen(root, joint_names)

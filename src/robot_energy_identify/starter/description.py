@@ -48,10 +48,6 @@ def read_description(source: str | Path, arguments: Sequence[str] = ()) -> Robot
     Args:
         source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
         arguments: Arguments of the xacro file, each ``name:=value``.
-
-    Raises:
-        RobotDescriptionError: If the file cannot be read or expanded.
-        BagError: If the bag holds no robot description, or several.
     """
     path = Path(source)
     if path.is_dir() or path.suffix in (".mcap", ".db3", ".zstd"):

@@ -25,8 +25,6 @@ def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
     """Return the model file, as YAML, of an arm that nobody has measured.
 
     Args:
-        arm: From `robot_energy_identify.starter.arm.read_arm`.
-        description: Its URDF.
         folder: Folder of the model file, at which the path of the URDF begins.
     """
     joints = "".join(_joint(joint, arm.robot_class) for joint in arm.joints)

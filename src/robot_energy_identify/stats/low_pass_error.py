@@ -40,11 +40,7 @@ class LowPassTorqueError:
         self._values = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
 
     def step(self, block: PowerBlock) -> None:
-        """Take power samples.
-
-        Args:
-            block: In the order of time.
-        """
+        """Take power samples."""
         sound = (block.quality & np.uint32(DOUBTFUL)) == 0
         torque = np.stack([block.motor_torque, block.motor_torque_measured], axis=1)
         kept = sound & np.isfinite(torque).all(axis=(1, 2))
@@ -66,11 +62,7 @@ class LowPassTorqueError:
         self._take(len(self._stamp_ns))
 
     def add(self, other: LowPassTorqueError) -> None:
-        """Take all samples of another recording, which has ended.
-
-        Args:
-            other: Of the same joints.
-        """
+        """Take all samples of another recording, which has ended."""
         self._squares += other._squares
 
     @property

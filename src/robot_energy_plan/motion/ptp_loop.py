@@ -178,7 +178,6 @@ def tool_above(robot: Robot, link: str, height: float) -> Callable[[Float], bool
     """Return a condition for `random_program`: a link stays above a height.
 
     Args:
-        link: Link of the URDF, such as the flange.
         height: In the base frame. [m]
     """
     return lambda joint_position: bool(robot.link_position(joint_position, link)[2] >= height)

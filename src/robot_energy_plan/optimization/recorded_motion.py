@@ -38,11 +38,7 @@ def recorded_motion(
     time_range: TimeRange | None = None,
     topic: str | None = None,
 ) -> JointTrajectory:
-    """Return the motion of recorded joint states, joint side; 20 ms between points.
-
-    Args:
-        time_range: Part of the bag, such as one cycle; None for all.
-    """
+    """Return the motion of recorded joint states, joint side; 20 ms between points."""
     found: list[TorqueBlock] = []
 
     def keep(output: Output) -> None:
