@@ -17,7 +17,14 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.check.evidence import Evidence, Remarks, evidence_of, joined, remarks_of
+from robot_energy_identify.check.evidence import (
+    Evidence,
+    Remarks,
+    Windows,
+    evidence_of,
+    joined,
+    remarks_of,
+)
 from robot_energy_identify.check.finding import (
     EFFORT,
     ERROR,
@@ -31,7 +38,6 @@ from robot_energy_identify.check.finding import (
 from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.motion import check_motion
 from robot_energy_identify.check.torque import check_torque
-from robot_energy_identify.check.windows import Windows
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction

@@ -9,9 +9,8 @@ from textwrap import fill, indent
 import yaml
 
 from robot_energy.foundation.shown_text import MAX_LINE, shown
-from robot_energy_identify.starter.arm import Arm
+from robot_energy_identify.starter.arm import Arm, ArmJoint
 from robot_energy_identify.starter.description import RobotText
-from robot_energy_identify.starter.joints import ArmJoint
 from robot_energy_identify.starter.priors import SHAPE_A, SHAPE_B, SHAPE_C, RobotClass, Share
 
 WIDTH = 92

@@ -9,9 +9,8 @@ from robot_energy.certainty.band import Z90
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.bus_exchange import BusExchange, shared_cabinet
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
-from robot_energy_plan.shared_bus import BusRobot, PlannedBus
+from robot_energy_plan.shared_bus import BusExchange, BusRobot, PlannedBus, shared_cabinet
 
 FEW = 0.5  # of the recorded time, below which a gap makes the figures doubtful [-]
 
