@@ -25,7 +25,6 @@ class StudyRun:
     Attributes:
         folder: For the bags that are kept; it exists.
         workers: Processes in addition to this one; 1 means to do all of it here.
-        progress: Called with the share done, 0 to 1.
     """
 
     folder: Path

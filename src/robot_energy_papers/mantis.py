@@ -47,7 +47,6 @@ class PrintRun:
 
     Attributes:
         begin: First instant of the motion itself. [ns]
-        end: Its last instant. [ns]
     """
 
     recording: Recording

@@ -132,7 +132,6 @@ class Prediction:
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
         work: Path of the tool and work on the bodies.
-        notes: What a reader should know, one sentence each.
         payload: What was given: instead of what the model has on the same link, and besides what
             it has on others.
     """

@@ -158,9 +158,7 @@ class BusRobot:
     """What one robot gives the bus and takes from it, as the pipeline finds it.
 
     Attributes:
-        name: Of its program or recording.
         deviations: What errors of the model do to its energies.
-        notes: What a reader should know of it, one sentence each.
         problems: What makes its figures doubtful, one sentence each.
     """
 

@@ -59,7 +59,6 @@ class Remarks:
         problems: Of the bag, one sentence each.
         temperatures: Of the motor temperatures; None where no topic brings any.
         stuck: Joints whose temperature stood still while their losses must have warmed it.
-        meter: Of the meter.
         effort_factors: Factor of measured over body torque and their correlation, for each
             meaning of the effort; see `EffortCheck.factors`.
         stream: What is wrong with stamps and publishers of the joint states.
@@ -84,9 +83,7 @@ class Evidence:
     """What the checks look at. Joint side unless it says ``motor``; n joints.
 
     Attributes:
-        model: The model that the recording is checked against.
         robot: Its rigid bodies, with its payload.
-        drivetrain: Its gears and rotors.
         effort: What the effort of the recording was said to mean.
         stamp_ns: Of the samples with position and velocity, shape (N,). [ns]
         segment: Stretches without gaps, shape (N,).

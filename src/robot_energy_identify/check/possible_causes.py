@@ -103,7 +103,6 @@ class Cause:
 
     Attributes:
         name: As in `Finding.cause`.
-        joints: Whose.
         value: Its size, in the unit of the cause; 1 where it has none.
         correct: Gives the recording without it.
         free: How many figures of it are free of size.

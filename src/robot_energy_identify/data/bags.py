@@ -88,9 +88,7 @@ class Bag:
     """One bag, or some stretches of it.
 
     Attributes:
-        path: MCAP file or rosbag2 folder.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
         meter_time_constant: Of a low pass in the power meter, undone when read. [s]

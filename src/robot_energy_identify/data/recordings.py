@@ -85,9 +85,7 @@ class Recording:
     Attributes:
         torque: Motion, rigid-body torque and measured torque of every sample.
         power: Temperature, bus power and phase of the same samples, row by row.
-        meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
-        problems: What was wrong with the bag, one sentence each.
         replay: The replay that gave it, with its accounting.
         temperatures: As they came, for another model.
         every: Of how many samples of the recording one is kept.

@@ -49,7 +49,6 @@ class TemperatureShape:
         reference_degc: T0. [degC]
         range_degc: Temperatures behind it. [degC]
         spread: Root mean square by which the axes differ from g, relative. [-]
-        lenders: The axes that it comes from.
     """
 
     hot: float

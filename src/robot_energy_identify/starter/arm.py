@@ -146,13 +146,10 @@ class Arm:
     """What a first model needs to know of a URDF.
 
     Attributes:
-        robot_name: Name in the URDF.
-        joints: Modelled joints from the base to the tip.
         left_out: Moving joints that are not modelled, and why.
         massless_links: Links that move without inertia of their own or of their body.
         moving_mass: Of everything that moves. [kg]
         robot_class: The class it was given, or taken for.
-        class_source: Why.
         remarks: What the user should look at, a sentence each.
     """
 

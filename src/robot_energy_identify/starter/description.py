@@ -30,7 +30,6 @@ class RobotText:
     """A URDF and where it comes from.
 
     Attributes:
-        xml: Text of the URDF.
         origin: In words, for comments and messages.
         path: The file, if it can be named in a model file; None if the text must be embedded.
         joint_names: Joints that a bag has joint states of; empty if unknown.

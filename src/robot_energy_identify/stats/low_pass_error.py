@@ -25,11 +25,7 @@ MAX_STEP = 0.1  # between samples of one stretch [s]
 
 
 class LowPassTorqueError:
-    """Sums of squares over recordings, from blocks of samples.
-
-    Attributes:
-        filters: Cut-off frequency and standstill.
-    """
+    """Sums of squares over recordings, from blocks of samples."""
 
     def __init__(self, model: RobotModel) -> None:
         self.filters = Filters()

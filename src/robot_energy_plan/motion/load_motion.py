@@ -61,7 +61,6 @@ class LoadedMotion:
 
     Attributes:
         repeat: Number of runs that the program itself asks for.
-        notes: What was assumed or read over, one sentence each.
         length: Way of the tool, where the program is one of a tool. [m]
         printed_length: Way during which material flows. [m]
         stops: Rests of the tool in corners that could not be rounded.

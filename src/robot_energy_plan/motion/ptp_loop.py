@@ -36,7 +36,6 @@ class Program:
         speed_share: Of each move, shape (K,). [-]
         acceleration_share: Of each move, shape (K,). [-]
         moves: Number of motions in one loop.
-        n_joints: Number of joints.
         period: Length of one loop. [s]
     """
 
