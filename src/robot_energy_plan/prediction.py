@@ -230,7 +230,7 @@ def predict(
         stamp_ns=np.array([START_NS]), motor_temperature_degc=temperature[None, :]
     )
     for time, path in repeated(motion, repeat):
-        take(pipeline.step(_joint_block(time, path, order), held, planned=True))
+        take(pipeline.step(planned_block(time, path, order), held, planned=True))
         held = None
         if progress is not None:
             progress(min(1.0, float(time[-1]) / duration))
@@ -305,7 +305,15 @@ def _order(model: RobotModel, joint_names: Sequence[str]) -> list[int]:
     return [list(joint_names).index(name) for name in model.joint_names]
 
 
-def _joint_block(time: Float, path: Trajectory, order: list[int]) -> JointBlock:
+def planned_block(
+    time: Float, path: Trajectory, order: list[int] | slice = slice(None)
+) -> JointBlock:
+    """Return a motion as the pipeline takes it; the first sample is at `START_NS`.
+
+    Args:
+        time: Since the start, shape (N,). [s]
+        order: Joints of the model among those of the motion.
+    """
     stamp = START_NS + planned_ns(time)
     states = (path.joint_position, path.joint_velocity, path.joint_acceleration)
     position, velocity, acceleration = (np.ascontiguousarray(one[:, order]) for one in states)

@@ -99,6 +99,10 @@ def shared_cabinet(cabinets: Sequence[Cabinet], room: float = 1.0) -> Cabinet:
     Args:
         room: Share of the capacitances that is there. [-]
     """
+
+    def derived(value: float) -> PositiveFigure:
+        return PositiveFigure(value=value, tag="derived", source="of the robots on one bus")
+
     capacitors = [one.capacitor for one in cabinets if one.capacitor is not None]
     capacitor = None
     if capacitors:
@@ -110,9 +114,9 @@ def shared_cabinet(cabinets: Sequence[Cabinet], room: float = 1.0) -> Cabinet:
                 "robots whose DC links have about the same voltage",
             )
         capacitor = Capacitor(
-            capacitance=_derived(room * sum(one.capacitance.value for one in capacitors)),
-            nominal_voltage=_derived(nominal),
-            chopper_voltage=_derived(chopper),
+            capacitance=derived(room * sum(one.capacitance.value for one in capacitors)),
+            nominal_voltage=derived(nominal),
+            chopper_voltage=derived(chopper),
         )
     returned = [
         one.regeneration_efficiency.value
@@ -120,9 +124,9 @@ def shared_cabinet(cabinets: Sequence[Cabinet], room: float = 1.0) -> Cabinet:
         if one.regeneration_efficiency is not None
     ]
     return Cabinet(
-        loss_grid=_derived(sum(one.loss_grid.value for one in cabinets)),
-        loss_dc=_derived(sum(one.loss_dc.value for one in cabinets)),
-        regeneration_efficiency=_derived(max(returned)) if returned else None,
+        loss_grid=derived(sum(one.loss_grid.value for one in cabinets)),
+        loss_dc=derived(sum(one.loss_dc.value for one in cabinets)),
+        regeneration_efficiency=derived(max(returned)) if returned else None,
         capacitor=capacitor,
     )
 
@@ -149,10 +153,6 @@ def exchange(stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet]) -> Bu
     return BusExchange(stamp_ns, own, shared, tight)
 
 
-def _derived(value: float) -> PositiveFigure:
-    return PositiveFigure(value=value, tag="derived", source="of the robots on one bus")
-
-
 @dataclass
 class BusRobot:
     """What one robot gives the bus and takes from it, as the pipeline finds it.
@@ -170,12 +170,7 @@ class BusRobot:
     def __post_init__(self) -> None:
         self.deviations = DeviationSums(self.model)
         self._parts: list[tuple[Int, Int, Float]] = []
-        self._moving = False
-
-    @property
-    def moves_at_end(self) -> bool:
-        """Whether some motor turns at the last sample."""
-        return self._moving
+        self.moves_at_end = False  # some motor turns at the last sample
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave."""
@@ -183,7 +178,7 @@ class BusRobot:
         if output.power is not None and len(block := output.power):
             self._parts.append((block.stamp_ns, block.segment, block.bus_power))
             speed = np.abs(block.motor_velocity[-1])
-            self._moving = bool((speed > motor_rest(self.model)).any())
+            self.moves_at_end = bool((speed > motor_rest(self.model)).any())
 
     def power(self) -> tuple[Int, Float]:
         """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap."""
