@@ -136,9 +136,6 @@ def outlet_readings(
     """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
 
     Loads with a meter of their own are taken off by it.
-
-    Raises:
-        NotIdentifiableError: If the recording has no meter.
     """
     if recording.meter is None:
         raise NotIdentifiableError(

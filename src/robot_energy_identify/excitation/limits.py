@@ -49,9 +49,6 @@ class ExcitationLimits:
         velocity: Less the margin. [rad/s] or [m/s]
         acceleration: Less the margin, shape (n,). [rad/s^2] or [m/s^2]
         torque: Less the margin, inf where the URDF gives none. [N m] or [N]
-
-    Raises:
-        MotionError: If a joint has no position or velocity limit, or a figure makes no sense.
     """
 
     def __init__(
