@@ -18,7 +18,15 @@ from robot_energy_history.jobs import unlike_jobs
 from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
 from robot_energy_history.rows import put_events, reading_from
-from robot_energy_history.schema import FILE, LEVELS, TABLES, VERSION, prepare, version_of
+from robot_energy_history.schema import (
+    FILE,
+    LEVELS,
+    TABLES,
+    VERSION,
+    prepare,
+    require_version,
+    version_of,
+)
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
@@ -99,7 +107,7 @@ def check_file(path: Path) -> str:
     """Return what is wrong with a file as a database; empty if nothing is.
 
     Raises:
-        HistoryError: If it is of a newer release.
+        HistoryError: If it is of another version.
     """
     try:
         with closing(sqlite3.connect(path)) as connection:
@@ -108,9 +116,8 @@ def check_file(path: Path) -> str:
             columns = _columns(connection)
     except DAMAGED as error:
         return str(error)
-    if version > VERSION:
-        raise HistoryError(f"{path} has tables of version {version}", f"version {VERSION}")
-    if version == VERSION:
+    if version:
+        require_version(version, path)
         with closing(sqlite3.connect(":memory:")) as fresh:
             fresh.executescript(TABLES)
             if not _columns(fresh) <= columns:

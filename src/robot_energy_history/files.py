@@ -11,7 +11,7 @@ from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.store.state_files import open_regular
-from robot_energy_history.schema import FILE, VERSION, version_of
+from robot_energy_history.schema import FILE, require_version, version_of
 
 DAMAGED = (sqlite3.Error, UnicodeError)
 """What SQLite raises of a damaged file, also where its own words are damaged."""
@@ -92,7 +92,7 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
         folder: Folder of a history.
 
     Raises:
-        HistoryError: If there is no history, or it is of a newer release.
+        HistoryError: If there is no history, or it is of another version.
     """
     path = Path(folder).expanduser() / FILE
     if not path.is_file():
@@ -112,14 +112,11 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
     except DAMAGED as error:
         raise _unreadable(path, error) from error
     connection.execute("PRAGMA temp_store = MEMORY")
-    if version != VERSION:
+    try:
+        require_version(version, path)
+    except HistoryError:
         connection.close()
-        raise HistoryError(
-            f"{path} has tables of version {version}", f"version {VERSION}",
-            "start energy_recorder once to bring older ones up to date"
-            if version < VERSION
-            else "use the release that wrote it",
-        )  # fmt: skip
+        raise
     return connection
 
 

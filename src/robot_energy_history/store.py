@@ -119,9 +119,7 @@ class HistoryStore:
             if self._lock is None:
                 self._lock = take_lock(self.folder)
             self._connection = open_writer(self.folder)
-            said = prepare(self._connection, self.folder / FILE)
-            if said:
-                self.notices.append(said)
+            prepare(self._connection, self.folder / FILE)
             self._robots = self._read()
         except (OSError, sqlite3.Error, ValueError) as error:
             self._disconnect()

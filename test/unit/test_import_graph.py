@@ -20,7 +20,7 @@ MODULES = {
     """,
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
-        load_curve meter_checks meter_response plain_text power_curve record record_repair registers
+        load_curve meter_checks meter_response plain_text power_curve record registers
         sample_counts totals
     """,
     "robot_energy.bag": """
@@ -85,7 +85,7 @@ MODULES = {
         auxiliary base condition energy model normalised replay
     """,
     "robot_energy.store": """
-        account_store adoption condition_store envelope slot_store slots state_files
+        account_store condition_store envelope slot_store slots state_files
     """,
     "robot_energy.timeline": """
         blocks epochs pieces stamps streams time_series

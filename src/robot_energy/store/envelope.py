@@ -12,8 +12,7 @@ import zlib
 from robot_energy.foundation.errors import StateFileError
 
 MAGIC = "robot-energy-registers"
-MAX_BYTES = 16 * 1024 * 1024  # written at most; 49 totals of a thousand joints
-MAX_READ_BYTES = 64 * 1024 * 1024  # earlier releases bounded no text
+MAX_BYTES = 16 * 1024 * 1024  # of a payload; 49 totals of a thousand joints
 MAX_SEQUENCE = 10**18 - 1  # the number after it is 1
 MAX_LINE = 200
 _LINE = re.compile(
@@ -24,7 +23,7 @@ _LINE = re.compile(
 
 def wrap(version: int, sequence: int, payload: bytes) -> bytes:
     """Return the content of a state file."""
-    if len(payload) > MAX_READ_BYTES - MAX_LINE:
+    if len(payload) > MAX_BYTES:
         raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
     check = zlib.crc32(payload, zlib.crc32(line))
@@ -59,10 +58,8 @@ def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
         raise StateFileError(f"a file cut after {len(payload)} bytes", f"{size}")
     if wrap(number, sequence, payload) != content[: found.end() + size]:
         raise StateFileError("a damaged file, whose CRC does not fit", "the CRC in its first line")
-    if number > version:
+    if number != version:
         raise StateFileError(
-            f"a state file of format {number}",
-            f"at most {version}",
-            "use the release that wrote it, or a newer one",
+            f"a state file of format {number}", f"format {version}", "use the release that wrote it"
         )
     return sequence, payload
