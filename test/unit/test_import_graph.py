@@ -215,8 +215,7 @@ MODULES = {
     "robot_energy_studies": """
         advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
         friction_terms generated_fleet independent independent_page interval_coverage judged_savings
-        learning_study left_out savings savings_page savings_study thermal_study wear_cycle
-        wear_rows wear_shift wear_study
+        learning_study left_out savings savings_page savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots
