@@ -35,9 +35,6 @@ def identify_fleet(
 
     Returns:
         What was found, and the model with it.
-
-    Raises:
-        NotIdentifiableError: If no bag was run with this model, or no joint moves enough.
     """
     read = tables.runs.filter(pl.col("reason") == "")
     own = tables.of_model(model.model_id)

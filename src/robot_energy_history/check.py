@@ -38,12 +38,6 @@ def check(folder: str | Path) -> list[str]:
 
     Sums of slots must be the difference of the registers, to the microjoule, of every robot, and
     hours and days those of the quarter hours that they were made from.
-
-    Args:
-        folder: Folder of the history.
-
-    Raises:
-        HistoryError: If there is none, or it cannot be read at all.
     """
     with closing(open_reader(folder)) as connection:
         try:
@@ -69,9 +63,6 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
 
     Returns:
         What was done, a sentence each.
-
-    Raises:
-        HistoryError: If another process writes there, or there is no history.
     """
     path = Path(folder).expanduser() / FILE
     if not path.is_file():
@@ -104,11 +95,7 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
 
 
 def check_file(path: Path) -> str:
-    """Return what is wrong with a file as a database; empty if nothing is.
-
-    Raises:
-        HistoryError: If it is of another version.
-    """
+    """Return what is wrong with a file as a database; empty if nothing is."""
     try:
         with closing(sqlite3.connect(path)) as connection:
             rows = [str(row[0]) for row in connection.execute("PRAGMA quick_check(1)")]

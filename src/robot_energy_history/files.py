@@ -30,7 +30,6 @@ def take_lock(folder: Path) -> int:
         folder: Only its owner may look into a new one.
 
     Raises:
-        HistoryError: If another process writes there.
         OSError: If the folder cannot be used.
     """
     if not folder.is_dir():
@@ -86,14 +85,7 @@ def unusable(folder: Path, error: Exception) -> HistoryError:
 
 
 def open_reader(folder: str | Path) -> sqlite3.Connection:
-    """Return a connection that only reads, also while another process writes.
-
-    Args:
-        folder: Folder of a history.
-
-    Raises:
-        HistoryError: If there is no history, or it is of another version.
-    """
+    """Return a connection that only reads, also while another process writes."""
     path = Path(folder).expanduser() / FILE
     if not path.is_file():
         raise HistoryError(
@@ -124,14 +116,8 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
 def reader(folder: str | Path) -> Generator[sqlite3.Connection]:
     """Give a connection that reads one state of a history, whatever is written meanwhile.
 
-    Args:
-        folder: Folder of a history.
-
     Yields:
         The connection.
-
-    Raises:
-        HistoryError: As of `open_reader`, or if what is read is damaged.
     """
     with closing(open_reader(folder)) as connection:
         try:

@@ -95,7 +95,6 @@ def prepare(connection: sqlite3.Connection, path: Path) -> None:
         connection: In autocommit mode.
 
     Raises:
-        HistoryError: If there are tables of another version.
         sqlite3.Error: If it cannot be done; all is as before then.
     """
     if found := version_of(connection):

@@ -110,11 +110,7 @@ class HistoryStore:
         self._notes = WaitingNotes()
 
     def open(self) -> None:
-        """Take the lock and read up to where robots were recorded.
-
-        Raises:
-            HistoryError: If another process writes here, or the folder cannot be used.
-        """
+        """Take the lock and read up to where robots were recorded."""
         try:
             if self._lock is None:
                 self._lock = take_lock(self.folder)
@@ -150,12 +146,7 @@ class HistoryStore:
         """Take readings, never waiting for the disk; of those within a minute the last is enough.
 
         Args:
-            robot: Its name.
             readings: In order of arrival.
-            origin: Where they come from.
-
-        Raises:
-            HistoryError: If there are too many robots.
         """
         with self._mutex:
             known = {*self._robots, *(name for name, _ in (*self._waiting, *self._writing))}
@@ -203,9 +194,6 @@ class HistoryStore:
 
         Returns:
             The time of it that others have recorded, which is left out. [ns]
-
-        Raises:
-            HistoryError: If it cannot be written.
         """
         connection = self._connection
         if connection is None:

@@ -204,12 +204,7 @@ class PlantProfile:
         return len(self.lubricant)
 
     def mechanics(self) -> tuple[Robot, Drivetrain]:
-        """Return the rigid bodies and the drivetrain, all that is shared with a model.
-
-        Raises:
-            ModelFileError: If there is no such model.
-            RigError: If it has another number of joints.
-        """
+        """Return the rigid bodies and the drivetrain, all that is shared with a model."""
         model = load(self.body)
         if len(model.joints) != self.n_joints:
             raise RigError(
@@ -223,9 +218,6 @@ class PlantProfile:
 
         Args:
             robot: Its rigid bodies, for positions and speeds.
-
-        Raises:
-            MotionError: If the URDF lacks limits.
         """
         limits = MotionLimits.of_robot(robot, self.acceleration, JERK_TIME)
         turn = np.where(robot.limits.wraps, np.pi, np.inf)
@@ -243,9 +235,6 @@ def load_profile(name: str) -> PlantProfile:
 
     Args:
         name: Name of the shipped model whose bodies it has, such as ``kr16``.
-
-    Raises:
-        RigError: If there is no such plant, or a figure makes no sense.
     """
     folder = resources.files("robot_energy_rig") / "profiles"
     files = {path.name.removesuffix(".yaml"): path for path in folder.iterdir()}

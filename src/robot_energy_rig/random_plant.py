@@ -30,10 +30,6 @@ def random_profile(body: str, seed: int) -> PlantProfile:
     Args:
         body: Name of a shipped model, or path of a model file.
         seed: The same seed gives the same plant.
-
-    Raises:
-        ModelFileError: If there is no such model.
-        RigError: If the seed is negative, or the URDF lacks a limit of effort or velocity.
     """
     if seed < 0:
         raise RigError(f"the seed of the plant is {seed}", "a whole number from 0 on")
