@@ -18,8 +18,16 @@ from typing import Generic, TypeVar
 
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.files.placement import sync_folder
-from robot_energy.store.envelope import MAX_BYTES, MAX_LINE, follows, is_newer, unwrap, wrap
-from robot_energy.store.state_files import open_regular, read_regular
+from robot_energy.store.envelope import (
+    MAX_BYTES,
+    MAX_LINE,
+    follows,
+    is_newer,
+    open_regular,
+    read_regular,
+    unwrap,
+    wrap,
+)
 
 T = TypeVar("T")
 MAX_ASIDE = 20  # damaged files kept next to the slots
