@@ -151,11 +151,7 @@ class Covariance(ModelEntry):
     source: Annotated[str, "Where they come from."] = ""
 
     def of(self, names: Collection[str]) -> Covariance | None:
-        """Return that of some figures, None without any of them.
-
-        Args:
-            names: Those that stay.
-        """
+        """Return that of some figures, None without any of them."""
         kept = [place for place, name in enumerate(self.figures) if name in names]
         if not kept:
             return None

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.described import Described
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
