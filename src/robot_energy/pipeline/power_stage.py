@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import itemgetter
 from typing import Protocol
 
 import numpy as np
@@ -322,7 +323,9 @@ class PowerStage:
             block.stamp_ns, quality
         )
         standing = self._supply.standing(speed)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        friction = self._friction.torque(
+            speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+        )
         learned, cabinet = self._condition.learned(speed, friction_degc), self._supply.cabinet
         cabinet.offset_dc = cabinet.offset_grid = 0.0
         if learned is not None:
@@ -330,7 +333,7 @@ class PowerStage:
             coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
             quality |= np.uint32(Quality.LEARNED)
         torque = rigid + friction
-        direction = self._hold.follow(speed)
+        direction = self._hold.follow(speed) if self._hold.kept else self._hold.direction
         wound, held_std = torque, None
         if standing.any():
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)
@@ -393,7 +396,7 @@ class PowerStage:
         rows = begins.nonzero()[0]
         if len(rows):
             held = self._deviation.columns(
-                *(each[rows] for each in of_motors),
+                *map(itemgetter(rows), of_motors),
                 payload_mass=block.payload_mass[rows],
                 balance=balance.at(rows),
                 stamp_ns=block.stamp_ns[rows],
