@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from operator import itemgetter
 from typing import Protocol
 
@@ -41,6 +42,7 @@ from robot_energy.timeline.blocks import (
     differences,
     mark,
     sum_over_joints,
+    taken,
 )
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
@@ -416,15 +418,15 @@ class PowerStage:
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, std, shared, reading = (
-            values.T.take(row, axis=1).T
-            for values in (
+        coulomb, viscous, std, shared, reading = map(
+            partial(taken, rows=row),
+            (
                 line.coulomb,
                 line.viscous,
                 line.viscous_std,
                 line.viscous_shared_std,
                 line.motor_temperature_degc,
-            )
+            ),
         )
         quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)
