@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 from typing import Protocol
 
 import numpy as np
@@ -40,6 +42,7 @@ from robot_energy.timeline.blocks import (
     differences,
     mark,
     sum_over_joints,
+    taken,
 )
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
@@ -322,7 +325,9 @@ class PowerStage:
             block.stamp_ns, quality
         )
         standing = self._supply.standing(speed)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        friction = self._friction.torque(
+            speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+        )
         learned, cabinet = self._condition.learned(speed, friction_degc), self._supply.cabinet
         cabinet.offset_dc = cabinet.offset_grid = 0.0
         if learned is not None:
@@ -330,7 +335,7 @@ class PowerStage:
             coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
             quality |= np.uint32(Quality.LEARNED)
         torque = rigid + friction
-        direction = self._hold.follow(speed)
+        direction = self._hold.follow(speed) if self._hold.kept else self._hold.direction
         wound, held_std = torque, None
         if standing.any():
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)
@@ -393,7 +398,7 @@ class PowerStage:
         rows = begins.nonzero()[0]
         if len(rows):
             held = self._deviation.columns(
-                *(each[rows] for each in of_motors),
+                *map(itemgetter(rows), of_motors),
                 payload_mass=block.payload_mass[rows],
                 balance=balance.at(rows),
                 stamp_ns=block.stamp_ns[rows],
@@ -413,15 +418,15 @@ class PowerStage:
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, std, shared, reading = (
-            values.T.take(row, axis=1).T
-            for values in (
+        coulomb, viscous, std, shared, reading = map(
+            partial(taken, rows=row),
+            (
                 line.coulomb,
                 line.viscous,
                 line.viscous_std,
                 line.viscous_shared_std,
                 line.motor_temperature_degc,
-            )
+            ),
         )
         quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)

@@ -113,7 +113,9 @@ class ExcitationLimits:
         viscous = self._friction.viscous(np.full_like(speed, self._temperature))
         coulomb = np.broadcast_to(self._friction.coulomb, speed.shape)
         standing = np.zeros(speed.shape, dtype=np.bool_)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        friction = self._friction.torque(
+            speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+        )
         return chain.joint_torque_from_motor(rigid + friction)
 
     def height(self, joint_position: Float) -> Float:
