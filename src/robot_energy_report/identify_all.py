@@ -120,7 +120,11 @@ def _came_of(step: StepReport) -> str:
             return f"{counted(len(fits), 'axis', 'axes')}, {where}: {laws}"
         case CabinetFit() as fit:
             sides = (("grid", fit.loss_grid), ("DC", fit.loss_dc))
-            return ", ".join(f"{name} side {_constant(value)}" for name, value in sides)
+            words = [f"{name} side {_constant(value)}" for name, value in sides]
+            if fit.fan is not None:
+                fan = fit.fan
+                words.append(f"a fan of {fan.power:.1f} W above {fan.on_above_degc:.1f} degC")
+            return ", ".join(words)
         case DrivesReport(drives=None, total=TotalPower(constant=constant)):
             return (
                 "losses behind one meter for all drives; constant losses that it sees: "

@@ -102,7 +102,7 @@ class Rests:
         """Rests with enough others on both sides."""
         return range(LEAST, len(self.time) - LEAST + 1)
 
-    def step(self, first: int) -> Step:
+    def step(self, first: int) -> PowerStep:
         """Return the step of the power from the rest before one to that one.
 
         Args:
@@ -115,11 +115,11 @@ class Rests:
         rest = power - columns @ found
         variance = float(rest @ rest) / (len(time) - columns.shape[1])
         std = float(variance * np.linalg.inv(columns.T @ columns)[2, 2]) ** 0.5
-        return Step(float(found[2]), max(std, EXACT), len(time))
+        return PowerStep(float(found[2]), max(std, EXACT), len(time))
 
 
 @dataclass(frozen=True)
-class Step:
+class PowerStep:
     """A step of the power at rest.
 
     Attributes:

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import figure
 
 from robot_energy.model import load
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.cabinet import CabinetStage, FanStage
+from robots import figure
 
 
 def step(bus, period=1.0, segment=None, **extra):
