@@ -402,7 +402,7 @@ class PowerStage:
         if len(rows):
             held = self._deviation.columns(
                 *(each[rows] for each in of_motors),
-                fan_power=fan_power if isinstance(fan_power, float) else fan_power[rows],
+                fan_power=fan_power[rows] if isinstance(fan_power, np.ndarray) else fan_power,
                 payload_mass=block.payload_mass[rows],
                 balance=balance.at(rows),
                 stamp_ns=block.stamp_ns[rows],

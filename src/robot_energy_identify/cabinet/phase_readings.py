@@ -76,7 +76,7 @@ def row_of(recording: Recording, pieces: CoveredPieces) -> Int:
 def fan_power(recording: Recording, pieces: CoveredPieces) -> Float | float:
     """Return the power of the model's fan in each piece. [W]"""
     fan = FanStage(recording.model.cabinet).step(recording.power.motor_temperature_degc)
-    return fan if isinstance(fan, float) else fan[row_of(recording, pieces)]
+    return fan[row_of(recording, pieces)] if isinstance(fan, np.ndarray) else fan
 
 
 def parted(pieces: CoveredPieces, values: Float) -> list[Float]:

@@ -162,7 +162,8 @@ def _columns(
     data: Sums, structure: Structure
 ) -> tuple[list[Float], list[str], list[tuple[int, int]]]:
     """Columns of a structure, shape (K,) each, their names, and term and joint, -1 for all."""
-    columns, names, place = [np.ones(len(data))], ["constant"], [(-1, -1)]
+    columns: list[Float] = [np.ones(len(data))]
+    names, place = ["constant"], [(-1, -1)]
     for row, term in enumerate(COEFFICIENTS):
         apart = structure == "axis" or (structure == "axis_copper" and row == 0)
         if apart:

@@ -100,8 +100,8 @@ def timed_moves(
         progress: Called with the share done, 0 to 1.
     """
     cabinet = chain.model.cabinet
-    fan = [FanStage(cabinet).step(degc[None, :]) for degc in chain.motor_temperature_degc]
-    loss_grid = cabinet.loss_grid.value + float(np.mean(fan))
+    fan = np.array([FanStage(cabinet).step(one[None]) for one in chain.motor_temperature_degc])
+    loss_grid = cabinet.loss_grid.value + float(fan.mean())
     laws: list[Float] = []
     owner: list[int] = []
     length = moves.duration(base)
