@@ -36,7 +36,7 @@ MODULES = {
     """,
     "robot_energy.condition": """
         baseline buckets drift joint_friction learner meter_fit meter_windows
-        programs record thermal_observer wear wear_records
+        programs record thermal_observer thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
         blas_threads config_file described errors extras kinds options process_memory schema_errors

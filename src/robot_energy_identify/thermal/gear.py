@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.condition.thermal_observer import GEAR_START_SHARE, GEAR_START_STD, WINDOW
+from robot_energy.condition.thermal_state import GEAR_START_SHARE, GEAR_START_STD, WINDOW
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError

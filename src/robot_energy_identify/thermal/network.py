@@ -11,7 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.thermal_observer import AMBIENT_STD
+from robot_energy.condition.thermal_state import AMBIENT_STD
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
