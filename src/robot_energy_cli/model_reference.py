@@ -95,6 +95,7 @@ def _titles() -> dict[str, str]:
         "Coupling": "`coupling`",
         "Cabinet": "`cabinet`",
         "Capacitor": "`capacitor` of the cabinet",
+        "CabinetFan": "`fan` of the cabinet",
         "TemperatureSettings": "`temperature`",
         "Provenance": "`provenance`",
         "Figure": "A figure",

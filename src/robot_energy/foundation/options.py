@@ -104,9 +104,6 @@ def takes(options: type) -> Callable[[Verb], Verb]:
 
     The verb refuses an option that it does not show, as an `OptionError`, and a value that makes
     no sense. What is None was not given.
-
-    Args:
-        options: The TypedDict.
     """
     kinds, checks = inspect.get_annotations(options), options_of(options)
     shared = [

@@ -69,6 +69,21 @@ class Capacitor(ModelEntry):
         return 0.5 * self.capacitance.value * squares
 
 
+class CabinetFan(ModelEntry):
+    """A fan on the grid side that the temperature of the warmest motor switches."""
+
+    power: Annotated[PositiveFigure, "While it runs. [W]"]
+    on_above_degc: Annotated[
+        Figure,
+        "It starts when the warmest motor is warmer. Within its deviation the fan counts by the "
+        "probability that it runs. [degC]",
+    ]
+    hysteresis: Annotated[
+        PositiveFigure | None,
+        "It stops that much below; between the two it stays as it was. Absent: 0. [K]",
+    ] = None
+
+
 class Cabinet(ModelEntry):
     """Supply and constant losses (paper A, section II-A)."""
 
@@ -79,12 +94,18 @@ class Cabinet(ModelEntry):
         "Share of excess bus power returned to the grid; absent: the supply cannot regenerate. [-]",
     ] = None
     capacitor: Annotated[Capacitor | None, "Optional DC-link capacitor."] = None
+    fan: Annotated[CabinetFan | None, "Optional fan, in addition to the constant losses."] = None
 
     @model_validator(mode="after")
     def _check(self) -> Cabinet:
         if self.regeneration_efficiency is not None and self.regeneration_efficiency.value > 1:
             raise ValueError("regeneration_efficiency must be at most 1")
         return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent key that came later: a model without it keeps its identity."""
+        return without_absent(dump(self), "fan")
 
 
 class Meter(ModelEntry):
@@ -151,11 +172,7 @@ class Covariance(ModelEntry):
     source: Annotated[str, "Where they come from."] = ""
 
     def of(self, names: Collection[str]) -> Covariance | None:
-        """Return that of some figures, None without any of them.
-
-        Args:
-            names: Those that stay.
-        """
+        """Return that of some figures, None without any of them."""
         kept = [place for place, name in enumerate(self.figures) if name in names]
         if not kept:
             return None

@@ -75,11 +75,7 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     The power of a state is its energy over its time.
 
     Args:
-        parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
-
-    Raises:
-        NotIdentifiableError: If no state has enough readings.
     """
     states, notes = _states(load, parts, gain)
     if not states:
@@ -112,7 +108,6 @@ def fit_outlet(
 
     Args:
         loads: Those without a meter of their own, in the order of the columns of the states.
-        parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
 
     Returns:

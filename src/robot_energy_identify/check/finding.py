@@ -71,10 +71,7 @@ def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Findi
     """Return a note that a recording cannot show a mistake.
 
     Args:
-        cause: Of the mistake.
         subject: Joint names; empty for all.
-        what: The quantity that cannot be judged.
-        why: The reason, with its number.
     """
     sentence = f"cannot be judged from this recording: {what} ({why})"
     return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.described import Described
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -43,9 +43,6 @@ YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
 
 class Kept:
     """A bag that was read, and what later models and folds ask of it again.
-
-    Args:
-        recording: As it was read.
 
     Attributes:
         rows: Of the dynamics, see `robot_energy_identify.data.observations.observe`.
@@ -80,7 +77,6 @@ class Kept:
         """Return the motion in a part of the bag with every sample, which is read once.
 
         Args:
-            span: From and to. [ns]
             read: Reads it with the model of the recording.
         """
         if span not in self._pieces:
@@ -93,9 +89,7 @@ class Bag:
     """One bag, or some stretches of it.
 
     Attributes:
-        path: MCAP file or rosbag2 folder.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
         meter_time_constant: Of a low pass in the power meter, undone when read. [s]
@@ -120,14 +114,7 @@ class Bag:
         return self.path.resolve().name
 
     def whole(self, model: RobotModel, progress: Progress | None = None) -> Recording:
-        """Return all of the bag, read with a model.
-
-        Args:
-            progress: Called with the share done, 0 to 1.
-
-        Raises:
-            RobotEnergyError: If bag or model cannot be used.
-        """
+        """Return all of the bag, read with a model."""
         if self.kept is None:
             recording = self._read(model, progress, self.most)
         else:
@@ -195,20 +182,11 @@ class Bag:
         return [part for part in parts if len(part) > 1]
 
     def only(self, span: Span) -> Bag:
-        """Return one stretch of the bag.
-
-        Args:
-            span: From and to. [ns]
-        """
+        """Return one stretch of the bag."""
         return replace(self, spans=(span,))
 
     def without(self, span: Span, guard_ns: int) -> Bag:
-        """Return the bag less a stretch and a moment on both sides of it.
-
-        Args:
-            span: From and to. [ns]
-            guard_ns: The moment. [ns]
-        """
+        """Return the bag less a stretch and a moment on both sides of it."""
         first, last = span
         return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
 
@@ -288,10 +266,6 @@ def motion_time(recordings: Sequence[Recording], bags: int) -> float:
     """Return how much of each bag the dynamics are fitted to. [s]
 
     `MAX_MOTION_TIME` of all together: an equal share of each where they last longer.
-
-    Args:
-        recordings: All of the fit.
-        bags: That they come from.
     """
     total = sum(end - start for start, end in (part.span_ns for part in recordings)) * NANOSECOND
     return MAX_MOTION_TIME / bags if total > MAX_MOTION_TIME else np.inf
@@ -341,9 +315,6 @@ def folds_of(
     Returns:
         ``test`` where there are such bags, ``recordings`` where there are several, else
         ``blocks``; and the folds.
-
-    Raises:
-        BagError: If a test holds the messages of a bag of the fit.
     """
     if tests:
         require_distinct([bag.path for bag in bags], [bag.path for bag in tests])

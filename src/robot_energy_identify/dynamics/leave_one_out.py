@@ -69,8 +69,6 @@ def across_recordings(
 
     Args:
         recordings: Stretches of each recording by its name, two or more.
-        model: As of `identify_dynamics`.
-        settings: As of `identify_dynamics`.
     """
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}

@@ -54,11 +54,7 @@ class ExcitationScore(Described):
 
 
 class ExcitationCriterion:
-    """Scaled observation matrix of the base parameters of one robot.
-
-    Args:
-        limits: Within which it moves.
-    """
+    """Scaled observation matrix of the base parameters of one robot."""
 
     def __init__(
         self, model: RobotModel, limits: ExcitationLimits, columns: tuple[ParameterColumn, ...]

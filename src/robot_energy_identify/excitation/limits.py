@@ -49,9 +49,6 @@ class ExcitationLimits:
         velocity: Less the margin. [rad/s] or [m/s]
         acceleration: Less the margin, shape (n,). [rad/s^2] or [m/s^2]
         torque: Less the margin, inf where the URDF gives none. [N m] or [N]
-
-    Raises:
-        MotionError: If a joint has no position or velocity limit, or a figure makes no sense.
     """
 
     def __init__(
@@ -116,7 +113,9 @@ class ExcitationLimits:
         viscous = self._friction.viscous(np.full_like(speed, self._temperature))
         coulomb = np.broadcast_to(self._friction.coulomb, speed.shape)
         standing = np.zeros(speed.shape, dtype=np.bool_)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        friction = self._friction.torque(
+            speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+        )
         return chain.joint_torque_from_motor(rigid + friction)
 
     def height(self, joint_position: Float) -> Float:

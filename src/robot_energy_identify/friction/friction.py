@@ -122,7 +122,6 @@ class FrictionFit(Described):
             before: What the file held. Its Stribeck term and its viscous exponent go, and its load
                 terms where the load is known, since the fit holds the whole friction; other
                 optional terms stay.
-            source: Where the data come from.
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
         found: dict[str, Any] = {
@@ -151,9 +150,6 @@ class FrictionFit(Described):
 @one_thread
 def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     """Return the friction of one axis.
-
-    Args:
-        source: Where they come from, for the model file.
 
     Raises:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
@@ -269,11 +265,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
 
 
 def falls(constant: Fit, data: FrictionData) -> bool:
-    """Return whether friction falls with speed: a viscous coefficient that is surely negative.
-
-    Args:
-        constant: Fit of the constant law.
-    """
+    """Return whether friction falls with speed: a viscous coefficient that is surely negative."""
     viscous, std = float(constant.values[1]), float(constant.std[1])
     share = -viscous * rms_of(data.motor_velocity) / rms_of(data.friction_torque)
     return -viscous > MIN_NEGATIVE_STD * std and share > MIN_NEGATIVE_SHARE
@@ -289,11 +281,7 @@ def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
 
 
 def falling_torque(train: FrictionData, seen: FrictionData) -> Float:
-    """Return the torque that friction with a Stribeck term, fitted to samples, has at others. [N m]
-
-    Raises:
-        NotIdentifiableError: As `fit_falling`.
-    """
+    """Return the torque of friction with a Stribeck term, fitted to samples, at others. [N m]"""
     law, found, term = fit_falling(train, "")
     return (
         found.values[0] * seen.sign
@@ -304,15 +292,7 @@ def falling_torque(train: FrictionData, seen: FrictionData) -> Float:
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Return the friction of every axis that the data determine, and why not of the others.
-
-    Args:
-        axes: Samples, one entry per axis.
-        source: Where they come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If not one axis can be identified.
-    """
+    """Return the friction of every axis that the data determine, and why not of the others."""
     fits: list[FrictionFit] = []
     refused: list[NotIdentifiableError] = []
     for axis in axes:
@@ -329,7 +309,6 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
     """Return the free curve: the table where there is one, else the constant.
 
     Args:
-        laws: Every law that could be fitted.
         span: Of the motor temperature. [degC]
     """
     table, constant = laws.get("table"), laws["constant"]
@@ -347,13 +326,7 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
 
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:
-    """Return a model with identified friction; axes that were not identified keep theirs.
-
-    Args:
-        model: Any model of the same robot.
-        fits: One per identified axis.
-        source: Where the data come from.
-    """
+    """Return a model with identified friction; axes that were not identified keep theirs."""
     found = {fit.name: fit for fit in fits}
     joints = [
         joint.model_copy(update={"friction": found[joint.name].entry(joint.friction, source)})

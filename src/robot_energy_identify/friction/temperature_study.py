@@ -66,11 +66,7 @@ class Study(Described):
         """Return one row.
 
         Args:
-            law: Its name.
             beyond: ``hold``, ``extend`` or ``auto``.
-
-        Raises:
-            NotIdentifiableError: If the law could not be fitted.
         """
         for row in self.rows:
             if (row.law, row.beyond) == (law, beyond):

@@ -50,9 +50,6 @@ class EnergyScore(Described):
 
         They must predict power better. Energy may be worse by what the folds cannot determine:
         one standard error of the difference, fold by fold, or `UNRESOLVED`.
-
-        Args:
-            given: The other prediction, of the same folds.
         """
         sure = UNRESOLVED
         if len(self.shares) == len(given.shares) > 1:
@@ -101,7 +98,6 @@ def folds_by_value(values: Float, folds: int = FOLDS) -> Int:
 
     Args:
         values: Of each sample, shape (N,), finite. [any unit]
-        folds: Number of folds; fewer where values repeat too often.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, folds + 1)[1:-1]))
     return np.searchsorted(edges, values, side="right").astype(np.int64)
@@ -146,7 +142,6 @@ def predict_held_out(fold: Int, predict: Callable[[Mask, Mask], Float], guard: i
         fold: Fold of each sample, shape (N,).
         predict: Called with the masks of the training and the test samples; returns the
             prediction of the test samples.
-        guard: As of `splits`.
     """
     parts = [(test, predict(train, test)) for train, test in splits(fold, guard)]
     predicted = np.empty((len(fold), *parts[0][1].shape[1:]))

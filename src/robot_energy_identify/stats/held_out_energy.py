@@ -193,8 +193,6 @@ def held_out_energy(
     """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
-        kind: From `folds_of`.
-        folds: From `folds_of`.
         whole: Identified from all bags of the fit; it is what a ``test`` is made with.
         progress: Called with what is going on and the share done, 0 to 1.
     """

@@ -35,11 +35,7 @@ class Delay(Described):
 
 
 def applied(delay: Delay | None) -> float:
-    """Return what is to be undone of a delay; 0 where it is not sure or cannot be determined. [s]
-
-    Args:
-        delay: The estimate, if there is one.
-    """
+    """Return what is to be undone of a delay; 0 where it is not sure or not determined. [s]"""
     return 0.0 if delay is None else delay.applied
 
 

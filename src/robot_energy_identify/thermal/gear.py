@@ -18,7 +18,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.condition.thermal_observer import GEAR_START_SHARE, GEAR_START_STD, WINDOW
+from robot_energy.condition.thermal_state import GEAR_START_SHARE, GEAR_START_STD, WINDOW
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
@@ -251,7 +251,6 @@ def fit_gear(
     Args:
         data: Samples of the axis in all recordings, motor side, in N m.
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
 
     Raises:
         NotIdentifiableError: If no recording shows a warm-up, or friction that follows the motor
@@ -376,7 +375,6 @@ class GearsFound(Described):
         """Return a model in which the friction of some joints follows their gears.
 
         Args:
-            model: Any model of the same robot.
             names: Joints whose friction was identified: those without a fit follow their motors.
         """
         found = {fit.name: fit.gear for fit in self.fits}
@@ -397,7 +395,6 @@ def fit_gears(
 
     Args:
         ambient_degc: Of the air; None: the coldest reading of all motors. [degC]
-        source: Where the data come from, for the model file.
     """
     used, fits, refused = list(axes), list[GearFit](), list[str]()
     warm = [

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.thermal_observer import AMBIENT_STD
+from robot_energy.condition.thermal_state import AMBIENT_STD
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
@@ -66,11 +66,7 @@ class ThermalFit(Described):
 
 
 def ambient_of(runs: Sequence[Sequence[ThermalRun]]) -> float:
-    """Return the coldest first reading of all motors: a robot that starts cold.
-
-    Args:
-        runs: Of every motor. [degC]
-    """
+    """Return the coldest first reading of all motors: a robot that starts cold."""
     return min(run.start_degc for motor in runs for run in motor)
 
 
@@ -82,7 +78,6 @@ def fit_network(
 
     Args:
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
 
     Raises:
         NotIdentifiableError: If there is too little, the motor hardly warms, or the network
@@ -152,10 +147,6 @@ def fit_networks(
 
     Args:
         ambient_degc: Of the air; None: see `ambient_of`. [degC]
-        source: Where the data come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If not one motor can be identified.
     """
     if not any(runs):
         raise NotIdentifiableError(
@@ -179,8 +170,6 @@ def with_networks(model: RobotModel, fits: Sequence[ThermalFit], ambient_degc: f
     """Return a model with identified thermal networks; the other motors keep theirs.
 
     Args:
-        model: Any model of the same robot.
-        fits: One per identified motor.
         ambient_degc: Of the air during the recordings. [degC]
     """
     found = {fit.name: fit.network for fit in fits}
