@@ -20,15 +20,15 @@ MODULES = {
     """,
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
-        load_curve meter_checks meter_response plain_text power_curve record record_repair registers
+        load_curve meter_checks meter_response plain_text power_curve record registers
         sample_counts totals
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
-        reader sources sqlite_source time_range writer
+        mcap_block mcap_file mcap_records mcap_writer metadata packed
+        reader sources sqlite_source writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store plan schema types walk
+        batch decode encode plan schema types walk
     """,
     "robot_energy.certainty": """
         band band_calibration deviation energy_calibration friction_certainty
@@ -36,18 +36,18 @@ MODULES = {
     """,
     "robot_energy.condition": """
         baseline buckets drift joint_friction learner meter_fit meter_windows
-        programs record thermal_observer wear wear_records
+        programs record thermal_observer thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds options process_memory schema_errors shown
-        shown_text stopping time_zone units
+        blas_threads config_file described errors extras kinds options process_memory schema_errors
+        shown shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
-        first_bytes output_files output_folder placement private_file
-        regular_file temporary_folder xml_encoding
+        first_bytes output_files output_folder placement
+        regular_file temporary_folder
     """,
     "robot_energy.inputs": """
-        auxiliary bag_topics inputs_file parameters rejection_log sources
+        auxiliary bag_topics inputs_file options parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
@@ -85,7 +85,7 @@ MODULES = {
         auxiliary base condition energy model normalised replay
     """,
     "robot_energy.store": """
-        account_store adoption condition_store envelope slot_store slots state_files
+        account_store condition_store envelope slot_store slots
     """,
     "robot_energy.timeline": """
         blocks epochs pieces stamps streams time_series
@@ -100,11 +100,11 @@ MODULES = {
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
-        findings fleet_run history_tables identify joint_sums merged_friction
+        findings fleet_run history_tables identify joint_sums
         merged_laws options report sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
-        advise claims dataset_evidence evidence speeds
+        advise claims dataset_evidence evidence
     """,
     "robot_energy_fleet.documents": """
         advice fleet fleet_figures
@@ -126,7 +126,7 @@ MODULES = {
         readings states
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link link_errors link_readings supply
+        cabinet dc_link fan link_errors link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
         evidence finding meter motion possible_causes process remedies run torque torque_fit
@@ -193,27 +193,26 @@ MODULES = {
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs layout model notebook
-        optimization parameters prediction prediction_figure printing recordings repeats replay
+        optimization prediction prediction_figure printing recordings repeats replay
         replay_figures series shared_bus
     """,
     "robot_energy_report.layouts": """
-        foxglove plotjuggler plots viewers
+        plots viewers
     """,
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
-        history_period history_routes history_savings history_view hub json_numbers messages
+        history_period history_routes history_view hub json_numbers messages
         metrics phase_totals recording robot_state rows saved_page settings terms
         web_app web_server
     """,
     "robot_energy_rig": """
-        auxiliary config lubricant output plant profile random_plant record sensors supply
+        auxiliary config lubricant output plant profile record sensors supply
         virtual_rig
     """,
     "robot_energy_studies": """
         advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
         friction_terms generated_fleet independent independent_page interval_coverage judged_savings
-        learning_study left_out savings savings_page savings_study thermal_study wear_cycle
-        wear_rows wear_shift wear_study
+        learning_study left_out savings savings_page savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots

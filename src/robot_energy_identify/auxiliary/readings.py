@@ -18,7 +18,12 @@ from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.replay.replay_steps import LoadIngest
 from robot_energy.timeline.blocks import Float, Int, MeterBlock
 from robot_energy.timeline.pieces import CoveredPieces
-from robot_energy_identify.cabinet.cabinet import BEFORE_MOTION, SETTLED, holding, readings_inside
+from robot_energy_identify.cabinet.phase_readings import (
+    BEFORE_MOTION,
+    SETTLED,
+    holding,
+    readings_inside,
+)
 from robot_energy_identify.data.recordings import Recording
 
 AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts

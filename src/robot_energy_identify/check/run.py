@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs

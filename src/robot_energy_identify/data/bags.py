@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import Progress
@@ -185,37 +186,25 @@ class Bag:
         return replace(self, meter_delay=applied(delay), meter_time_constant=applied(low_pass))
 
 
-@dataclass(frozen=True)
-class BagFacts:
-    """What a bag holds, as far as identification cares.
+class BagFacts(Described):
+    """What a bag holds, as far as identification cares."""
 
-    Attributes:
-        name: Of the bag.
-        sha256: First digits of its hash.
-        origin: Where it comes from, as its writer said; may be empty.
-        date: Of its first sample, empty where stamps are not dates.
-        duration: From first to last sample. [s]
-        rate: Median of the samples. [Hz]
-        range_degc: Of all motor temperatures; None if there is none. [degC]
-        effort: What the effort is; NONE if it was not stated, or no sample has one.
-        meter: Where the meter sits; None without one.
-        readings: Of the meter.
-        drives: Whether the power of the drives is measured.
-        problems: What was wrong with the bag, one sentence each.
-    """
-
-    name: str
-    sha256: str
-    origin: str
-    date: str
-    duration: float
-    rate: float
-    range_degc: tuple[float, float] | None
-    effort: EffortMeaning
-    meter: MeterLocation | None
-    readings: int
-    drives: bool
-    problems: tuple[str, ...]
+    name: Annotated[str, "Of the bag."]
+    sha256: Annotated[str, "First digits of its hash."]
+    origin: Annotated[str, "Where it comes from, as its writer said; may be empty."]
+    date: Annotated[str, "Of its first sample, empty where stamps are not dates."]
+    duration: Annotated[float, "From first to last sample. [s]"]
+    rate: Annotated[float, "Median of the samples. [Hz]"]
+    range_degc: Annotated[
+        tuple[float, float] | None, "Of all motor temperatures; None if there is none. [degC]"
+    ]
+    effort: Annotated[
+        EffortMeaning, "What the effort is; NONE if it was not stated, or no sample has one."
+    ]
+    meter: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
+    readings: Annotated[int, "Of the meter."]
+    drives: Annotated[bool, "Whether the power of the drives is measured."]
+    problems: Annotated[tuple[str, ...], "What was wrong with the bag, one sentence each."]
 
 
 def facts(bag: Bag, recording: Recording) -> BagFacts:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from robot_energy.foundation.config_file import read_text
 from robot_energy.foundation.errors import LogFormatError
-from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.model import RobotModel, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.stamps import StampOrder

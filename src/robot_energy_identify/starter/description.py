@@ -14,7 +14,7 @@ from typing import Any
 from robot_energy.bag import BagReader
 from robot_energy.foundation.config_file import read_text
 from robot_energy.foundation.errors import BagError, RobotDescriptionError
-from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.physics.urdf.parse import MAX_URDF_BYTES

@@ -8,12 +8,12 @@ viscous column is fitted, and are therefore never given.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
 Mask = NDArray[np.bool_]
@@ -25,36 +25,25 @@ UNRESOLVED = 0.0025
 GAIN = 0.98  # what has more parameters, or replaces figures, must be better by this factor
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Errors on held-out data.
+class HeldOut(Described):
+    """Errors on held-out data."""
 
-    Attributes:
-        folds: Number of folds.
-        rms: Root mean square of the error, in the unit of the target.
-        relative: Norm of the error over the norm of the target. [-]
-    """
-
-    folds: int
-    rms: float
-    relative: float
+    folds: Annotated[int, "Number of folds."]
+    rms: Annotated[float, "Root mean square of the error, in the unit of the target."]
+    relative: Annotated[float, "Norm of the error over the norm of the target. [-]"]
 
 
-@dataclass(frozen=True)
-class EnergyScore:
-    """A prediction of a meter, on held-out readings.
+class EnergyScore(Described):
+    """A prediction of a meter, on held-out readings."""
 
-    Attributes:
-        rms: Of predicted minus measured power. [W]
-        energy_error: Predicted over measured energy minus 1, mean size over the folds. [-]
-        worst: The greatest of them in size. [-]
-        shares: Predicted over measured energy minus 1 of each fold. [-]
-    """
-
-    rms: float
-    energy_error: float
-    worst: float
-    shares: tuple[float, ...] = ()
+    rms: Annotated[float, "Of predicted minus measured power. [W]"]
+    energy_error: Annotated[
+        float, "Predicted over measured energy minus 1, mean size over the folds. [-]"
+    ]
+    worst: Annotated[float, "The greatest of them in size. [-]"]
+    shares: Annotated[
+        tuple[float, ...], "Predicted over measured energy minus 1 of each fold. [-]"
+    ] = ()
 
     def beats(self, given: EnergyScore) -> bool:
         """Whether figures of this prediction may replace those of another one.

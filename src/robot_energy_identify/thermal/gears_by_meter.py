@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.condition.thermal_state import WINDOW
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import JointGear

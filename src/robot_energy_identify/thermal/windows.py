@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.condition.thermal_state import WINDOW
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int

@@ -26,6 +26,7 @@ from robot_energy.certainty.deviation import FigureDeviations
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.physics.cabinet import FanStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.hold_torque import HoldTorque
@@ -70,6 +71,7 @@ class EnergyDeviations:
         held: Float,
         motor_temperature_degc: Float,
         fed_back: Float,
+        fan_power: Float | float = 0.0,
     ) -> Float:
         """Return the rates of all columns while the grid sees all of the bus, shape (N, K). [W]
 
@@ -82,6 +84,7 @@ class EnergyDeviations:
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             motor_temperature_degc: Shape (n,). [degC]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
+            fan_power: Of the fan, shape (N,). [W]
         """
         figures, speed = self.figures, np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
@@ -119,8 +122,8 @@ class EnergyDeviations:
         together = figures.known_together(speed, motor_torque, square * own)
         if together is not None:
             at_bus.append(together)
-        of_cabinet = figures.loss_grid, figures.at_rest, FORM_FED_BACK
-        cabinet = np.full((len(speed), CABINET), of_cabinet)
+        cabinet = np.full((len(speed), CABINET), (0.0, figures.at_rest, FORM_FED_BACK))
+        cabinet[:, 0] = figures.grid_side(fan_power)
         cabinet[:, 2] *= fed_back
         loss_dc = np.full((len(speed), 1), figures.loss_dc)
         return np.concatenate([cabinet, loss_dc, *at_bus], axis=1)
@@ -153,6 +156,7 @@ class DeviationSums:
         self._deviations = EnergyDeviations(model)
         self._standstill = motor_standstill(model)
         self._hold, self._drive = HoldTorque(model), drive_from_model(model)
+        self._fan = FanStage(model.cabinet)
         self._fallback_degc = model.temperature.fallback_degc
         self._blocks = ConsecutiveBlocks()
         self.energy: Float = np.zeros(1)
@@ -187,6 +191,7 @@ class DeviationSums:
             held,
             _mean_known(degc),
             fed_back,
+            self._fan.step(degc),
         )
         rows = np.nan_to_num(rows)
         reaches = np.where(braking, 0.0, np.where(excess, self._deviations.figures.returned, 1.0))

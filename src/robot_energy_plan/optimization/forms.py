@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robot_energy.bag.reader import BagReader
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import BagReader, TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot

@@ -5,7 +5,7 @@ import pytest
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
