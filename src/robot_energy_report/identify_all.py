@@ -82,6 +82,14 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
     for key, name in (("loss_grid", "grid side"), ("loss_dc", "DC side")):
         was, now = getattr(before.cabinet, key), getattr(after.cabinet, key)
         yield Change(f"{name} constant loss", "W", was, now)
+    old_fan, new_fan = before.cabinet.fan, after.cabinet.fan
+    for key, name, unit in (
+        ("power", "fan", "W"),
+        ("on_above_degc", "fan starts above", "degC"),
+        ("hysteresis", "fan stops below that by", "K"),
+    ):
+        if (figure := getattr(new_fan, key, None)) is not None:
+            yield Change(name, unit, getattr(old_fan, key, None), figure)
     for key, name in (("time_constant", "low pass of the meter"), ("delay", "delay of the meter")):
         if (figure := getattr(after.meter, key, None)) is not None:
             yield Change(name, "s", getattr(before.meter, key, None), figure)
@@ -226,7 +234,11 @@ def _came_of(step: StepReport) -> str:
             return f"{counted(len(fits), 'axis', 'axes')}, {where}: {laws}"
         case CabinetFit() as fit:
             sides = (("grid", fit.loss_grid), ("DC", fit.loss_dc))
-            return ", ".join(f"{name} side {_constant(value)}" for name, value in sides)
+            words = [f"{name} side {_constant(value)}" for name, value in sides]
+            if fit.fan is not None:
+                fan = fit.fan
+                words.append(f"a fan of {fan.power:.1f} W above {fan.on_above_degc:.1f} degC")
+            return ", ".join(words)
         case DrivesReport(drives=None, total=TotalPower(constant=constant)):
             return (
                 "losses behind one meter for all drives; constant losses that it sees: "

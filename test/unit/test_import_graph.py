@@ -36,18 +36,18 @@ MODULES = {
     """,
     "robot_energy.condition": """
         baseline buckets drift joint_friction learner meter_fit meter_windows
-        programs record thermal_observer wear wear_records
+        programs record thermal_observer thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds options process_memory schema_errors shown
-        shown_text stopping time_zone units
+        blas_threads config_file described errors extras kinds options process_memory schema_errors
+        shown shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
         first_bytes output_files output_folder placement
         regular_file temporary_folder
     """,
     "robot_energy.inputs": """
-        auxiliary bag_topics inputs_file parameters rejection_log sources
+        auxiliary bag_topics inputs_file options parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
@@ -120,17 +120,16 @@ MODULES = {
         bounds causes options plausibility provenance run_all steps
     """,
     "robot_energy_identify.api": """
-        bag_source evaluate identify identify_all
+        bag_source evaluate identify
     """,
     "robot_energy_identify.auxiliary": """
         readings states
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link link_errors link_readings supply
+        cabinet dc_link fan link_errors link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
-        cause_search evidence finding meter motion payload possible_causes process remedies run
-        torque torque_fit windows
+        evidence finding meter motion possible_causes process remedies run torque torque_fit
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings rest signals thinned
@@ -153,7 +152,7 @@ MODULES = {
         check drives dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        actuators arm description joints model_text priors
+        actuators arm description model_text priors
     """,
     "robot_energy_identify.stats": """
         autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
@@ -162,33 +161,31 @@ MODULES = {
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns instants log_formats log_import mapped_log mapping recording
-        rows table text_table ur_rtde
+        cells columns instants log_formats log_import mapping recording rows table
+        text_table ur_rtde
     """,
     "robot_energy_papers": """
-        accuracy boat calibration drawings drive_study experiment held_out job_pool
-        kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        boat calibration drawings drive_study experiment held_out job_pool machines mantis
+        map_sensitivity models pages paper_a paper_a_page paper_b paper_b_page sensitivity
+        soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange consecutive limit_utilisation options prediction shared_bus
+        consecutive options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
     """,
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
-        joint_trajectory load_motion planar planned point_columns ptp ptp_file ptp_loop
-        sampled_motion sequence slicing tool_corners tool_motion tool_path tool_timing
-        trajectory_io
+        joint_trajectory load_motion planar planned ptp ptp_file ptp_loop sampled_motion
+        sequence slicing tool_corners tool_motion tool_path tool_timing trajectory_io
     """,
     "robot_energy_plan.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures plan
-        program_form ptp_form recorded_motion rest_states search task time_law
-        timed_moves trajectory_form
+        program_form ptp_form rest_states search task time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         common_supply optimization prediction shared_bus
@@ -258,9 +255,9 @@ LAYERS = {
         ("replay.api", "pipeline.online_monitor"),
     ),
     "robot_energy_plan": (
-        ("motion", "optimization.rest_states", "consecutive", "limit_utilisation"),
+        ("motion", "optimization.rest_states", "consecutive"),
         ("options",),
-        ("bus_exchange", "prediction", "optimization", "shared_bus"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),
