@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
+from operator import attrgetter
 from typing import Any, Self
 
 import numpy as np
@@ -174,7 +175,7 @@ class Block:
             return first
         entries = first.__dict__.copy()
         for name, value in entries.items():
-            parts: list[Any] = [block.__dict__[name] for block in blocks]
+            parts: list[Any] = [*map(attrgetter(name), blocks)]
             if isinstance(value, HeldRows):
                 entries[name] = HeldRows.concatenate(parts)
             elif isinstance(value, np.ndarray):
@@ -182,7 +183,7 @@ class Block:
                 entries[name] = (
                     np.concatenate(parts)
                     if flat
-                    else np.concatenate([part.T for part in parts], axis=1).T
+                    else np.concatenate([*map(np.transpose, parts)], axis=1).T
                 )
         return first._with(entries)
 

@@ -20,9 +20,8 @@ from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
 from robot_energy.inputs.parameters import HEADER, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.timeline.epochs import EpochRun, Reach
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
-from robot_energy.timeline.streams import StreamSplitter, joined, sentence_of
+from robot_energy.timeline.stamps import BAD_STAMP, sentence_of, valid_stamps
+from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter, joined
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
