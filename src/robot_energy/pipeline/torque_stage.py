@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import starmap
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import PayloadError
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
@@ -23,19 +25,16 @@ from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 MAX_COMING = 100  # changes that may wait for their stamps
 
 
-@dataclass(frozen=True)
-class PayloadChange:
-    """A payload and when it comes into force.
+class PayloadChange(Described):
+    """A payload and when it comes into force."""
 
-    Attributes:
-        from_ns: First instant of validity; 0: from the start. [ns]
-        payload: The body that its link carries from then on, instead of any before.
-        carried: All bodies that the robot carries then.
-    """
-
-    from_ns: int
-    payload: Payload
-    carried: tuple[Payload, ...] = field(default=(), compare=False)
+    from_ns: Annotated[int, "First instant of validity; 0: from the start. [ns]"]
+    payload: Annotated[
+        Payload, "The body that its link carries from then on, instead of any before."
+    ]
+    carried: Annotated[tuple[Payload, ...], "All bodies that the robot carries then."] = field(
+        default=(), compare=False
+    )
 
 
 class PayloadTimeline:
