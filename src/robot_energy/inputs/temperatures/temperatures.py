@@ -152,7 +152,7 @@ class TemperatureIngest:
         """
         counts = {batch.topic: len(batch) for batch in batches}
         pairs = [(each.rejections, each.source.topic) for each in self.readers]
-        pairs += [(each.keys_account, each.source.keys_topic) for each in self.readers]
+        pairs += [(each.keys_account, each.keys_topic) for each in self.readers]
         return [(rejections, counts.get(topic, 0)) for rejections, topic in pairs]
 
     def restart(self) -> None:
