@@ -127,10 +127,10 @@ class EnergyPipeline:
         """
         friction = self.friction.step(temperatures) if temperatures is not None else None
         if friction is not None:
-            self.power.friction(friction)
+            self.power.timeline.add(friction)
         if meter is not None:
             self.account.measure(meter)
-            self.power.measure(meter)
+            self.condition.measure(meter)
         power = self.power.step(torque) if torque is not None else None
         means = self.account.step(power) if power is not None else None
         return Output(torque, friction, power, means, meter, temperatures)

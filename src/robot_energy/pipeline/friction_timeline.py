@@ -49,7 +49,11 @@ class FrictionTimeline:
         return len(self._line) + (0 if self._before is None else len(self._before))
 
     def add(self, block: FrictionBlock) -> None:
-        """Take rows in order of arrival, without those of stamp zero (before any temperature)."""
+        """Take rows in order of arrival, without those of stamp zero (before any temperature).
+
+        They are known already; a restarted friction monitor repeats them, which must not undo what
+        came later.
+        """
         block = block[block.stamp_ns != 0]
         if not len(block):
             return
