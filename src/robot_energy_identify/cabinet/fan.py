@@ -29,6 +29,7 @@ SURE = 4.0  # deviations of a step
 MOST, LEAST = 48, 12  # rests on each side of a step
 AROUND = 6  # rests to each side, between which it may lie
 HYSTERESIS, HYSTERESIS_STD = 5.0, 2.0  # K; a warm-up does not show when the fan stops
+TOLERANCE = 2.0  # deviations of that temperature, within which another recording shows the step
 EXACT = 1e-6  # W: no step is known better
 WARM_UP = "a warm-up with pauses of a second, with motor temperatures and a meter at the grid"
 ROOT12 = 12.0**0.5
@@ -102,6 +103,22 @@ class Rests:
         """Rests with enough others on both sides."""
         return range(LEAST, len(self.time) - LEAST + 1)
 
+    def start(self, degc: float, tolerance: float) -> int | None:
+        """Return the rest with the surest step about a temperature; None if it is not passed.
+
+        Args:
+            tolerance: To both sides of the temperature. [K]
+        """
+        off = self.warmest_degc - degc
+        near = [at for at in self.places if abs(float(off[at])) <= tolerance]
+        if not near or off[0] >= -tolerance or off[-1] <= tolerance:
+            return None
+        return max(near, key=lambda at: self.step(at).score)
+
+    def less(self, power: float, first: int) -> Rests:
+        """Return the rests without a power that begins at one of them. [W]"""
+        return replace(self, power=self.power - power * (np.arange(len(self.power)) >= first))
+
     def step(self, first: int) -> PowerStep:
         """Return the step of the power from the rest before one to that one.
 
@@ -162,15 +179,18 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
             "rests before and after a fan starts",
             f"record {WARM_UP}",
         )
-    step, part, first = max(steps, key=lambda one: one[0].score)
+    _, part, first = max(steps, key=lambda one: one[0].score)
     degc = float(part.warmest_degc[first - 1 : first + 1].mean())
     near = part.warmest_degc[max(first - AROUND, 0) : first + AROUND]
     on_std = float(np.hypot(np.ptp(near) / ROOT12, thermometer))
-    same = [step]
-    for other in recordings:
-        place = int(np.searchsorted(other.warmest_degc, degc, side="right"))
-        if other is not part and place in other.places:
-            same.append(other.step(place))
+    starts = [
+        first if other is part else other.start(degc, TOLERANCE * on_std) for other in recordings
+    ]
+    same = [
+        other.step(place)
+        for other, place in zip(recordings, starts, strict=True)
+        if place is not None
+    ]
     weight = np.array([one.std**-2.0 for one in same])
     power = float(weight @ [one.power for one in same] / weight.sum())
     std = float(weight.sum() ** -0.5)
@@ -181,10 +201,15 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
             "a fan that starts while the robot warms up",
             f"record {WARM_UP}",
         )
-    without = [
-        replace(one, power=one.power - power * (one.warmest_degc > degc)) for one in recordings
-    ]
-    down = min((one.step(at) for one in without for at in one.places), key=lambda one: one.score)
+    down = min(
+        (
+            rest.step(at)
+            for other, place in zip(recordings, starts, strict=True)
+            for rest in [other if place is None else other.less(power, place)]
+            for at in rest.places
+        ),
+        key=lambda one: one.score,
+    )
     if down.score < -SURE:
         raise NotIdentifiableError(
             f"the power at rest has a step of {power:.1f} W and one of {down.power:.1f} W while "
