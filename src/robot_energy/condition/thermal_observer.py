@@ -208,9 +208,7 @@ class ThermalObserver:
             raise StateFileError(
                 f"temperatures of model {record.model_id}", f"model {self._model.model_id}"
             )
-        state.x = filled(record.state, state.x)
-        state.covariance = filled(record.covariance, state.covariance)
-        state.begun[:] = True
+        state.go_on(filled(record.state, state.x), filled(record.covariance, state.covariance))
         self.end_ns, self._window = record.end_ns, None
         self._publish()
 
@@ -232,10 +230,11 @@ class ThermalObserver:
         new = ~np.isnan(reading) & (reading != self._used)
         first = new & np.isnan(self._used)
         self._used = np.where(new, reading, self._used)
+        before = state.x[:, MOTOR].copy()
         state.correct(MOTOR, reading, np.where(new & state.networks, SENSOR_STD**2, np.inf))
         state.take_sensed(reading, ~np.isnan(reading) & ~state.networks)
         if first.any():
-            state.begin_gears(first)
+            state.begin_gears(first, before)
         torque = bool(np.isfinite(self._columns("motor_torque_measured")).any())
         if torque and (np.isnan(reading).any() or state.has_gear.any()):
             self._correct_by_friction(elapsed, np.isnan(reading))

@@ -84,9 +84,20 @@ class ThermalState:
         start[HEAT, HEAT] = HEAT_STD**2
         self.covariance: Float = np.tile(start, (count, 1, 1))
         self.begun = self.networks & self.has_gear
+        self._kept = False
         self._without = ~self.has_gear & self.has_gear.any()
         self.x[self._without, GEAR] = 0.0
         self.covariance[self._without, GEAR, :] = self.covariance[self._without, :, GEAR] = 0.0
+
+    def go_on(self, x: Float, covariance: Float) -> None:
+        """Go on from an earlier state.
+
+        Args:
+            x: Shape (count, 5).
+            covariance: Shape (count, 5, 5).
+        """
+        self.x, self.covariance, self._kept = x, covariance, True
+        self.begun[:] = True
 
     @property
     def gears(self) -> NDArray[np.bool_]:
@@ -132,11 +143,15 @@ class ThermalState:
         self.covariance[sensed, MOTOR, :] = self.covariance[sensed, :, MOTOR] = 0.0
         self.covariance[sensed, MOTOR, MOTOR] = SENSOR_STD**2
 
-    def begin_gears(self, first: NDArray[np.bool_]) -> None:
+    def begin_gears(self, first: NDArray[np.bool_], before: Float) -> None:
         """Let gears begin at the temperature of their motors, now that it is known.
+
+        After a restart they go on where they were, unless a motor is warmer or colder than the time
+        since then has left it: then something else has warmed it.
 
         Args:
             first: Whose motor has its first reading, shape (count,).
+            before: Temperatures of the motors as estimated without it, shape (count,). [degC]
         """
         if not self.has_gear.any():
             return
@@ -146,8 +161,9 @@ class ThermalState:
         self.covariance[started, GEAR, :] = self.covariance[started, MOTOR, :]
         self.covariance[started, :, GEAR] = self.covariance[started, :, MOTOR]
         self.covariance[started, GEAR, GEAR] = self.covariance[started, MOTOR, MOTOR]
-        above = np.abs(self.x[:, MOTOR] - self.x[:, AMBIENT])
-        own = (GEAR_START_STD + GEAR_START_SHARE * above) ** 2
+        expected = before if self._kept else self.x[:, AMBIENT]
+        off = GEAR_START_SHARE * np.abs(self.x[:, MOTOR] - expected)
+        own = (off if self._kept else GEAR_START_STD + off) ** 2
         self.covariance[first, GEAR, GEAR] += own[first]
 
     def cool(self, duration_ns: int) -> None:

@@ -149,6 +149,17 @@ def test_a_restart_goes_on_where_it_was():
     assert rested.condition.thermal.friction_degc[0] < AIR + 3.0
 
 
+@pytest.mark.parametrize("off", [0.0, 25.0])
+def test_after_a_restart_the_deviation_goes_on_unless_a_motor_is_elsewhere(off):
+    first, again = EnergyPipeline(wheel(std=0.0)), EnergyPipeline(wheel(std=0.0))
+    played(first, turning(1800.0), readings(1800, WORKED))
+    kept = first.condition.thermal.friction_std[0]
+    again.condition.thermal.restore(first.condition.thermal.state())
+    played(again, turning(15.0, start=1905.0), readings(15, WORKED + off, start=1905))
+    now = again.condition.thermal.friction_std[0]
+    assert now == pytest.approx(np.hypot(kept, 0.3 * off), rel=0.05)
+
+
 def test_a_wider_start_widens_the_deviation():
     model = wheel(std=0.0)
     cold, warm = EnergyPipeline(model), EnergyPipeline(model)
