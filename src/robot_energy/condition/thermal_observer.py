@@ -201,13 +201,11 @@ class ThermalObserver:
 
     def restore(self, record: ThermalRecord) -> None:
         """Continue from a record."""
-        sizes = len(record.state), len(record.covariance)
-        state = self._filter
-        fits = sizes == (state.x.size, state.covariance.size)
-        if record.model_id != self._model.model_id or not fits:
+        if record.model_id != self._model.model_id:
             raise StateFileError(
                 f"temperatures of model {record.model_id}", f"model {self._model.model_id}"
             )
+        state = self._filter
         state.go_on(filled(record.state, state.x), filled(record.covariance, state.covariance))
         self.end_ns, self._window = record.end_ns, None
         self._publish()
