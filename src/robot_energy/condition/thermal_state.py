@@ -30,6 +30,7 @@ GEAR_START_STD = 1.0  # K of a gear against its motor where the motor is as warm
 GEAR_START_SHARE = 0.3  # ... and of the motor above the air: one may have worked longer ago
 SENSED_DRIFT = 20.0  # K per root hour, of a motor without a network, which its sensor measures
 COOLING = 1500.0  # s, in which such a motor cools while nothing comes
+LEAST = 1e-3  # K above the air, which no rest takes away
 SECONDS_PER_HOUR = 3600.0
 MOTOR, STRUCTURE, AMBIENT, HEAT, GEAR = range(5)
 
@@ -167,7 +168,11 @@ class ThermalState:
         self.covariance[first, GEAR, GEAR] += own[first]
 
     def cool(self, duration_ns: int) -> None:
-        """Move on by a time without samples and without heat."""
+        """Move on by a time without samples and without heat.
+
+        How fast gears cool is not well known: ``dT = share (T - T_a) ln((T_0 - T_a) / (T - T_a))``,
+        which is most after one time constant and fades with the warmth itself.
+        """
         duration = duration_ns * NANOSECOND
         if duration <= 0:
             return
@@ -175,7 +180,7 @@ class ThermalState:
         none = np.zeros((count, 3))
         heat, followed = self._resting, np.where(self.has_gear, GEAR, MOTOR)
         rows = np.arange(count)
-        before = self.x[rows, followed]
+        before = self.x[rows, followed] - self.x[:, AMBIENT]
         windows, rest = divmod(duration_ns, WINDOW_NS)
         for length, times in ((WINDOW, int(windows)), (rest * NANOSECOND, int(rest > 0))):
             if times:
@@ -183,8 +188,10 @@ class ThermalState:
                 slope = np.linalg.matrix_power(slope, times)
                 self._advance(slope, np.zeros((count, 5)), length * times)
         if self.has_gear.any():
-            change = GEAR_START_SHARE * (self.x[rows, followed] - before)
-            self.covariance[:, GEAR, GEAR] += change**2
+            left = self.x[rows, followed] - self.x[:, AMBIENT]
+            first, last = (np.maximum(np.abs(above), LEAST) for above in (before, left))
+            off = GEAR_START_SHARE * last * np.log(first / last)
+            self.covariance[:, GEAR, GEAR] += off**2
 
     def _window_of(
         self, heat: MotorHeat, step: tuple[Float, Float], duration: float, worked: Float,
