@@ -165,7 +165,8 @@ class Joint(ModelEntry):
         friction: Friction of this axis.
         counterbalance: Spring or gas spring that carries part of the weight at this joint.
         thermal: Thermal network of the motor, for its temperature where no sensor measures it.
-        gear: Temperature of the gear; absent: friction follows the motor temperature.
+        gear: Temperature of the gear; absent: friction follows the motor temperature, less surely
+            where other joints have one.
         losses: For the drive model ``loss_model``.
         efficiency_map: For the drive model ``efficiency_map``.
         loss_map: For the drive model ``loss_map``. Drive models that are registered add their
