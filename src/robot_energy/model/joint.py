@@ -179,8 +179,8 @@ class Joint(ModelEntry):
     ] = None
     gear: Annotated[
         JointGear | None,
-        "Temperature of the gear; absent: friction follows the motor temperature, less surely where "
-        "other joints have one.",
+        "Temperature of the gear; absent: friction follows the motor temperature, less surely "
+        "where other joints have one.",
     ] = None
     losses: Annotated[LossDrive | None, "For the drive model ``loss_model``."] = None
     efficiency_map: Annotated[EfficiencyMap | None, "For the drive model ``efficiency_map``."] = (
