@@ -175,24 +175,18 @@ def tested(runs: Mapping[str, PrintRun], drives: StudiedDrives) -> dict[str, Dri
 def _test(
     name: str, run: PrintRun, drives: Mapping[Way, Drive], constant: float, cutoff: float
 ) -> DriveTest:
-    rows = run.rows
-    power = run.recording.power
-    shaft, velocity = run.shaft_predicted, power.motor_velocity[rows]
-    given = shaft, velocity, power.motor_torque[rows], power.motor_temperature_degc[rows]
-    mapped, outside = drives["map"].input_power(*given)
-    losses, _ = drives["losses"].input_power(*given)
-    loss_map, _ = drives["loss_map"].input_power(*given)
-    written, _ = drives["written"].input_power(*given)
+    shaft, block = run.shaft_predicted, run.recording.power[run.rows]
+    given = shaft, block.motor_velocity, block.motor_torque, block.motor_temperature_degc
+    found = {way: drive.input_power(*given) for way, drive in drives.items()}
+    power, outside = {way: one for way, (one, _) in found.items()}, found["map"][1]
     period = float(np.median(run.duration))
     by_way: dict[Way, Float] = {
         "none": shaft,
         "constant": at_efficiency(shaft, CONSTANT_EFFICIENCY),
         "constant_fitted": at_efficiency(shaft, constant),
-        "written": _second_stage(written, period, cutoff),
-        "map": mapped,
-        "map_processed": _second_stage(mapped, period, cutoff),
-        "losses": losses,
-        "loss_map": loss_map,
+        **power,
+        "written": _second_stage(power["written"], period, cutoff),
+        "map_processed": _second_stage(power["map"], period, cutoff),
     }
     measured, duration = run.electrical, run.duration
     energy = duration @ measured
@@ -206,7 +200,7 @@ def _test(
         float(done.sum() / energy.sum()),
         done / energy,
         0.0 if outside is None else float(outside.mean()),
-        {way: _result(power, measured, duration) for way, power in by_way.items()},
+        {way: _result(by_way[way], measured, duration) for way in WAY_NAMES},
     )
 
 

@@ -201,7 +201,7 @@ def predicted(
     power = PowerBlock.concatenate(powers)
     shaft = power.rigid_power + power.friction_power
     electrical = shaft + power.drive_loss
-    loss = _integral(_Parts(model).of(position, power), time)
+    loss = _integral(_losses(model, position, power), time)
     friction = float(_integral(power.friction_power.sum(axis=1), time))
     parts = dict(zip(PARTS, [friction, *loss.tolist()], strict=True))
     constant = power.loss_dc + power.loss_grid
@@ -226,27 +226,18 @@ def played(
     return _found(time, smooth.duration, shaft, electrical, {}, constant, truth.joint_position)
 
 
-class _Parts:
-    """Splits the drive loss of a model; the copper loss of holding still is that of gravity."""
-
-    def __init__(self, model: RobotModel) -> None:
-        self._robot = Robot.from_model(model)
-        self._drivetrain = Drivetrain.from_model(model)
-        losses = [joint.losses for joint in model.joints if joint.losses is not None]
-        warm = [1.0 + e.copper_temperature_coefficient.value * (MOTOR_DEGC - 20.0) for e in losses]
-        self._copper = np.array([e.copper.value for e in losses]) * warm
-        self._amplifier = np.array([entry.constant.value for entry in losses])
-
-    def of(self, joint_position: Float, power: PowerBlock) -> Float:
-        """Holding, other copper, iron and amplifier loss, shape (N, 4). [W]"""
-        still = np.zeros_like(joint_position)
-        weight = self._robot.joint_torque(joint_position, still, still)
-        holding = self._copper * self._drivetrain.motor_torque_from_joint(weight) ** 2
-        copper = self._copper * power.motor_torque**2
-        amplifier = np.broadcast_to(self._amplifier, copper.shape)
-        iron = power.drive_loss - copper - amplifier
-        parts = holding, copper - holding, iron, amplifier
-        return np.stack([part.sum(axis=1) for part in parts], axis=1)
+def _losses(model: RobotModel, joint_position: Float, power: PowerBlock) -> Float:
+    """Copper loss of gravity, other copper, iron and amplifier loss, shape (N, 4). [W]"""
+    losses = [joint.losses for joint in model.joints if joint.losses is not None]
+    warm = [1.0 + e.copper_temperature_coefficient.value * (MOTOR_DEGC - 20.0) for e in losses]
+    per_torque = np.array([e.copper.value for e in losses]) * warm
+    still = np.zeros_like(joint_position)
+    weight = Robot.from_model(model).joint_torque(joint_position, still, still)
+    holding = per_torque * Drivetrain.from_model(model).motor_torque_from_joint(weight) ** 2
+    copper = per_torque * power.motor_torque**2
+    amplifier = np.broadcast_to([entry.constant.value for entry in losses], copper.shape)
+    parts = holding, copper - holding, power.drive_loss - copper - amplifier, amplifier
+    return np.stack([part.sum(axis=1) for part in parts], axis=1)
 
 
 def _found(

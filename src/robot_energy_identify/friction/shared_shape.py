@@ -196,19 +196,15 @@ def share_shape(
     try:
         shape = common_shape([fit for fit in fits if fit.name not in poor])
     except NotIdentifiableError as error:
-        return [
-            _said(fit, f"the shape of the others is not taken: {error}")
-            if fit.name in poor
-            else fit
-            for fit in fits
-        ]
+        return [_kept(fit, str(error)) if fit.name in poor else fit for fit in fits]
     return [
         _borrowed(fit, poor[fit.name], shape, source) if fit.name in poor else fit for fit in fits
     ]
 
 
-def _said(fit: FrictionFit, text: str) -> FrictionFit:
-    return replace(fit, warnings=(*fit.warnings, f"{fit.name}: {text}"))
+def _kept(fit: FrictionFit, why: str) -> FrictionFit:
+    note = f"{fit.name}: the shape of the others is not taken: {why}"
+    return replace(fit, warnings=(*fit.warnings, note))
 
 
 def _borrowed(
@@ -219,13 +215,9 @@ def _borrowed(
         fold = folds_of_axis(data)[1]
         error = held_out_law(lambda part: fit_shared(part, shape), data, fold)
     except NotIdentifiableError as problem:
-        return _said(fit, f"the shape of the others is not taken: {problem.found}")
+        return _kept(fit, problem.found)
     if error.rms > fit.errors[fit.chosen].rms / GAIN:
-        return _said(
-            fit,
-            "the shape of the others is not taken: it predicts held-out torque worse "
-            "than the axis's own law",
-        )
+        return _kept(fit, "it predicts held-out torque worse than the axis's own law")
     return replace(
         fit,
         coulomb=float(found.values[0]),
