@@ -13,10 +13,12 @@ is a prior, stated with its spread over the axes that it comes from; no law is l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ExponentialLaw
@@ -36,29 +38,17 @@ MAX_SPREAD = 0.25  # of g over its lenders: beyond it they have no common shape
 GRID = 25
 
 
-@dataclass(frozen=True)
-class TemperatureShape:
-    """The common shape of several axes.
+class TemperatureShape(Described):
+    """The common shape of several axes."""
 
-    Attributes:
-        hot: h, share of the hot limit in the friction at ``reference_degc``. [-]
-        scale: c. [K]
-        scale_std: Standard deviation of c over the axes. [K]
-        ratio: a / b of the exponential law. [-]
-        ratio_std: Standard deviation of a / b over the axes. [-]
-        reference_degc: T0. [degC]
-        range_degc: Temperatures behind it. [degC]
-        spread: Root mean square by which the axes differ from g, relative. [-]
-    """
-
-    hot: float
-    scale: float
-    scale_std: float
-    ratio: float
-    ratio_std: float
-    reference_degc: float
-    range_degc: tuple[float, float]
-    spread: float
+    hot: Annotated[float, "h, share of the hot limit in the friction at ``reference_degc``. [-]"]
+    scale: Annotated[float, "c. [K]"]
+    scale_std: Annotated[float, "Standard deviation of c over the axes. [K]"]
+    ratio: Annotated[float, "a / b of the exponential law. [-]"]
+    ratio_std: Annotated[float, "Standard deviation of a / b over the axes. [-]"]
+    reference_degc: Annotated[float, "T0. [degC]"]
+    range_degc: Annotated[tuple[float, float], "Temperatures behind it. [degC]"]
+    spread: Annotated[float, "Root mean square by which the axes differ from g, relative. [-]"]
     lenders: tuple[str, ...]
 
     def at(self, degc: Float) -> Float:
