@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO, FAR
+from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.replay.bag_replay import LONGER_WINDOW
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
