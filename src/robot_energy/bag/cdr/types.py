@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections import ChainMap
+from collections import ChainMap, UserDict
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rosbags.typesys.store import Typestore
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 
 
-class _Entries(dict[str, Value], Generic[Value]):
+class _Entries(UserDict[str, Value]):
     """Entries found one by one; a name that is not found so, or counting them, loads all."""
 
     def __init__(
@@ -36,31 +36,24 @@ class _Entries(dict[str, Value], Generic[Value]):
 
     def quick(self, name: str) -> bool:
         """Return whether an entry can be had without loading all."""
-        if not super().__contains__(name):
-            self._add(self._find(name))
-        return super().__contains__(name)
-
-    def _add(self, found: dict[str, Value]) -> None:
-        for name, value in found.items():
-            self.setdefault(name, value)
+        if name not in self.data:
+            self.data = self._find(name) | self.data
+        return name in self.data
 
     def _complete(self) -> None:
         if self._load is not None:
             load, self._load = self._load, None
-            self._add(load())
+            self.data = load() | self.data
 
     def __contains__(self, name: object) -> bool:
         if not self.quick(str(name)):
             self._complete()
-        return super().__contains__(name)
+        return name in self.data
 
     def __missing__(self, name: str) -> Value:
         if name in self:
-            return super().__getitem__(name)
+            return self.data[name]
         raise KeyError(name)
-
-    def get(self, name: str, default: Any = None) -> Any:
-        return self[name] if name in self else default
 
     def __iter__(self) -> Iterator[str]:
         self._complete()
@@ -69,18 +62,6 @@ class _Entries(dict[str, Value], Generic[Value]):
     def __len__(self) -> int:
         self._complete()
         return super().__len__()
-
-    def keys(self):
-        self._complete()
-        return super().keys()
-
-    def values(self):
-        self._complete()
-        return super().values()
-
-    def items(self):
-        self._complete()
-        return super().items()
 
 
 class LazyStore(Typestore):
@@ -96,7 +77,7 @@ class LazyStore(Typestore):
         super().__init__()
         self._entries = _Entries(find, lambda: load().fielddefs)
         self.fielddefs = cast("Typesdict", self._entries)
-        self.types = _Entries(lambda _: {}, lambda: load().types)
+        self.types = cast("Any", _Entries(lambda _: {}, lambda: load().types))
 
     def quick(self, name: str) -> bool:
         """Return whether a definition can be had without making all."""
