@@ -21,7 +21,7 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
         load_curve meter_checks meter_response plain_text power_curve record registers
-        sample_counts totals
+        totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_writer metadata packed
@@ -50,7 +50,7 @@ MODULES = {
         auxiliary bag_topics inputs_file options parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        correction decode joint_states jumps partial_states plausibility publisher_conflicts
+        correction decode joint_states partial_states plausibility publisher_conflicts
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
@@ -88,7 +88,7 @@ MODULES = {
         account_store condition_store envelope slot_store slots
     """,
     "robot_energy.timeline": """
-        blocks epochs pieces stamps streams time_series
+        blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run
