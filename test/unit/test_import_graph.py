@@ -99,9 +99,9 @@ MODULES = {
         simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
+        api bag_joints bag_list bag_places bag_row bag_sums dataset
         findings fleet_run history_tables identify joint_sums
-        merged_laws options report sisters tables wear_history workers
+        merged_laws options report sisters tables workers
     """,
     "robot_energy_fleet.advice": """
         advise claims dataset_evidence evidence
@@ -113,7 +113,7 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags baseline check differences files friction jobs notes outputs readings rollup rows
+        api bags baseline check differences files jobs notes outputs readings rollup rows
         savings schema spans store tariffs use
     """,
     "robot_energy_identify": """
@@ -206,12 +206,12 @@ MODULES = {
         web_app web_server
     """,
     "robot_energy_rig": """
-        auxiliary config lubricant output plant profile record sensors supply
+        auxiliary config output plant profile record sensors supply
         virtual_rig
     """,
     "robot_energy_studies": """
         advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
-        friction_terms generated_fleet independent independent_page interval_coverage judged_savings
+        generated_fleet independent independent_page interval_coverage judged_savings
         learning_study left_out savings savings_page savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """

@@ -181,7 +181,7 @@ DRIVE_MODELS = Kinds(
             ("constant", "constant loss", "W"),
             ("copper", "copper loss", "W/(N m)^2"),
             ("linear", "linear loss", "W s/rad"),
-            ("quadratic", "quadratic loss", "W s2/rad2"),
+            ("quadratic", "quadratic loss", "W s^2/rad^2"),
         ),
     ),
     DriveModel(

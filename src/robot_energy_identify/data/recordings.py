@@ -319,13 +319,9 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
     return replace(earlier, power=power)
 
 
-def spread(recordings: Sequence[Recording], seconds: float = SPREAD) -> list[Recording]:
-    """Return minutes of all recordings, an equal share of each, see `Recording.spread`.
-
-    Args:
-        seconds: That they last together, about. [s]
-    """
-    return [part.spread(seconds / len(recordings)) for part in recordings]
+def spread(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return minutes of all recordings, an equal share of each, see `Recording.spread`."""
+    return [part.spread(SPREAD / len(recordings)) for part in recordings]
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
