@@ -173,7 +173,7 @@ def find_fan(recordings: Sequence[Recording]) -> FanFit:
         NotIdentifiableError: If there is no such step, or no fan explains it.
     """
     usable = [part for part in recordings if _usable(part)]
-    off = usable[0].sensors.std.thermometer if usable else 0.0
+    off = 2.0**0.5 * usable[0].sensors.std.thermometer if usable else 0.0
     return fan_of([_rests(part) for part in usable], off)
 
 
