@@ -18,8 +18,7 @@ import numpy as np
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.blocks import EffortMeaning, Float
-from robot_energy_identify.api.identify import identify_friction
-from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_plan.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
 from robot_energy_rig.output import RigOutput

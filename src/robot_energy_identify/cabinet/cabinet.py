@@ -11,11 +11,13 @@ inside one whole phase count.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -48,25 +50,19 @@ MIN_READINGS = 5
 STORED = 0.05  # of the constant losses: what the DC link may give without being named
 
 
-@dataclass(frozen=True)
-class Level:
-    """Mean power of one phase.
+class Level(Described):
+    """Mean power of one phase."""
 
-    Attributes:
-        power: Less what the drives take in it. [W]
-        std: Standard deviation of the mean, over events, without constant errors. [W]
-        readings: Number of readings.
-        events: Number of separate phases they come from.
-        spread: Greatest difference between events, such as of holding poses. [W]
-        moves: By one standard deviation of each constant error, by cause. [W]
-    """
-
-    power: float
-    std: float
-    readings: int
-    events: int
-    spread: float
-    moves: dict[str, float] = field(default_factory=dict[str, float])
+    power: Annotated[float, "Less what the drives take in it. [W]"]
+    std: Annotated[
+        float, "Standard deviation of the mean, over events, without constant errors. [W]"
+    ]
+    readings: Annotated[int, "Number of readings."]
+    events: Annotated[int, "Number of separate phases they come from."]
+    spread: Annotated[float, "Greatest difference between events, such as of holding poses. [W]"]
+    moves: Annotated[
+        dict[str, float], "By one standard deviation of each constant error, by cause. [W]"
+    ] = field(default_factory=dict[str, float])
 
     @property
     def parts(self) -> dict[str, float]:
@@ -113,36 +109,34 @@ class Level:
         )
 
 
-@dataclass(frozen=True)
-class CabinetFit:
-    """Constant losses of the cabinet.
+class CabinetFit(Described):
+    """Constant losses of the cabinet."""
 
-    Attributes:
-        location: Where the meter sits.
-        hold: ``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if too few
-            readings lie inside rest.
-        generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
-        loss_grid: P_l,grid, None where the data do not determine it. [W]
-        loss_grid_std: None too where only the sum of both losses is identifiable. [W]
-        loss_dc: P_l,DC. [W]
-        loss_dc_std: [W]
-        notes: What the data cannot separate and what was done instead, one sentence each.
-        parts: Of the deviations of ``loss_grid``, ``loss_dc`` and ``sum``, by cause. [W]
-        fan: Whose power is taken off; None where none was found.
-        fan_reason: Why none was found; empty otherwise.
-    """
-
-    location: MeterLocation
-    hold: Level | None
-    generating: Level | None
-    loss_grid: float | None
-    loss_grid_std: float | None
-    loss_dc: float | None
-    loss_dc_std: float | None
-    notes: tuple[str, ...]
-    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
-    fan: FanFit | None = None
-    fan_reason: str = ""
+    location: Annotated[MeterLocation, "Where the meter sits."]
+    hold: Annotated[
+        Level | None,
+        "``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if too few readings "
+        "lie inside rest.",
+    ]
+    generating: Annotated[
+        Level | None, "``P_l,grid``; None if it never brakes hard enough, or not at the grid."
+    ]
+    loss_grid: Annotated[float | None, "P_l,grid, None where the data do not determine it. [W]"]
+    loss_grid_std: Annotated[
+        float | None, "None too where only the sum of both losses is identifiable. [W]"
+    ]
+    loss_dc: Annotated[float | None, "P_l,DC. [W]"]
+    loss_dc_std: Annotated[float | None, "[W]"]
+    notes: Annotated[
+        tuple[str, ...],
+        "What the data cannot separate and what was done instead, one sentence each.",
+    ]
+    parts: Annotated[
+        dict[str, dict[str, float]],
+        "Of the deviations of ``loss_grid``, ``loss_dc`` and ``sum``, by cause. [W]",
+    ] = field(default_factory=dict[str, dict[str, float]])
+    fan: Annotated[FanFit | None, "Whose power is taken off; None where none was found."] = None
+    fan_reason: Annotated[str, "Why none was found; empty otherwise."] = ""
 
 
 Rest = tuple[Level, tuple[str, ...]]

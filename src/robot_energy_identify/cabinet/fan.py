@@ -15,9 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure, PositiveFigure
@@ -40,25 +42,15 @@ WARM_UP = "a warm-up with pauses of a second, with motor temperatures and a mete
 ROOT12 = 12.0**0.5
 
 
-@dataclass(frozen=True)
-class FanFit:
-    """A fan that starts while a robot warms up.
+class FanFit(Described):
+    """A fan that starts while a robot warms up."""
 
-    Attributes:
-        power: While it runs. [W]
-        std: [W]
-        on_above_degc: Temperature of the warmest motor at which it starts. [degC]
-        on_std: [K]
-        recordings: Number of recordings in which it starts.
-        rests: Number of rests around these starts.
-    """
-
-    power: float
-    std: float
-    on_above_degc: float
-    on_std: float
-    recordings: int
-    rests: int
+    power: Annotated[float, "While it runs. [W]"]
+    std: Annotated[float, "[W]"]
+    on_above_degc: Annotated[float, "Temperature of the warmest motor at which it starts. [degC]"]
+    on_std: Annotated[float, "[K]"]
+    recordings: Annotated[int, "Number of recordings in which it starts."]
+    rests: Annotated[int, "Number of rests around these starts."]
 
     def entry(self, source: str) -> CabinetFan:
         """Return it for a model file.

@@ -121,7 +121,9 @@ class PowerChain:
             """Energy, peak, brake energy, columns, use of the torque limits at a temperature."""
             coulomb = np.broadcast_to(self.friction.coulomb, shape)
             viscous = np.broadcast_to(self.friction.viscous(degc), shape)
-            friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
+            friction = self.friction.torque(
+                speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+            )
             torque = np.where(standing, held, rigid + friction)
             rigid_power, friction_power = rigid * speed, friction * speed
             shaft = rigid_power + friction_power

@@ -112,7 +112,13 @@ class EnergyDeviations:
             at_bus.append(figures.drive_share * np.abs(rigid_power + friction_power))
         else:
             at_bus.append(figures.drive_share * np.abs(drive_loss))
-        at_bus += self._form(speed, friction_power + np.abs(drive_loss))
+        place = np.clip(speed / self._top_speed, KNOTS[0], KNOTS[-1])
+        lost = friction_power + np.abs(drive_loss)  # divided among the two knots next to the speed
+        hats = np.eye(len(KNOTS))
+        at_bus += [
+            share * lost * np.interp(place, KNOTS, hat)
+            for share, hat in zip(FORM, hats, strict=True)
+        ]
         together = figures.known_together(speed, motor_torque, square * own)
         if together is not None:
             at_bus.append(together)
@@ -135,23 +141,14 @@ class EnergyDeviations:
             seen[:, -len(self.figures.of_grid) :] += self.figures.of_grid
         return seen
 
-    def _form(self, speed: Float, lost: Float) -> list[Float]:
-        """Losses, divided among the two knots next to the speed, shape (N, n) each. [W]"""
-        place = np.clip(speed / self._top_speed, KNOTS[0], KNOTS[-1])
-        return [share * lost * _hat(place, knot) for knot, share in enumerate(FORM)]
-
-
-def _hat(place: Float, knot: int) -> Float:
-    """1 at a knot, 0 at the others, linear between."""
-    height: Float = np.eye(len(KNOTS))[knot]
-    return np.asarray(np.interp(place, KNOTS, height))
-
 
 class DeviationSums:
     """Integrates the columns over what a pipeline gave of one motion.
 
     Attributes:
         braked: Energy into the brake resistor. [J]
+        energy: Change of the energy from the grid with the error of each figure, shape (K,). [J]
+        brake: The same of the energy into the brake resistor, shape (K,). [J]
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -162,18 +159,8 @@ class DeviationSums:
         self._fan = FanStage(model.cabinet)
         self._fallback_degc = model.temperature.fallback_degc
         self._blocks = ConsecutiveBlocks()
-        self._sum: Float | None = None
-        self._brake: Float | None = None
-
-    @property
-    def energy(self) -> Float:
-        """Change of the energy from the grid with the error of each figure, shape (K,). [J]"""
-        return np.zeros(1) if self._sum is None else self._sum
-
-    @property
-    def brake(self) -> Float:
-        """The same of the energy into the brake resistor, shape (K,). [J]"""
-        return np.zeros(1) if self._brake is None else self._brake
+        self.energy: Float = np.zeros(1)
+        self.brake: Float = np.zeros(1)
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave."""
@@ -211,8 +198,8 @@ class DeviationSums:
         lost = rows * braking[:, None]
         lost[:, :2] = 0.0
         total = self._deviations.at_grid(rows, reaches) * weight[:, None]
-        self._sum = self.energy + total.sum(axis=0)
-        self._brake = self.brake + (lost * weight[:, None]).sum(axis=0)
+        self.energy = self.energy + total.sum(axis=0)
+        self.brake = self.brake + (lost * weight[:, None]).sum(axis=0)
 
 
 def _mean_known(values: Float) -> Float:
