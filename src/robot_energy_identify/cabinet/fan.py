@@ -106,7 +106,8 @@ class Rests:
         """Return the rest with the surest step about a temperature; None if it is not passed.
 
         Args:
-            tolerance: To both sides of the temperature. [K]
+            degc: Of the warmest motor. [degC]
+            tolerance: To both sides of it. [K]
         """
         off = self.warmest_degc - degc
         near = [at for at in self.places if abs(float(off[at])) <= tolerance]
@@ -115,7 +116,12 @@ class Rests:
         return max(near, key=lambda at: self.step(at).score)
 
     def less(self, power: float, first: int) -> Rests:
-        """Return the rests without a power that begins at one of them. [W]"""
+        """Return the rests without a power that begins at one of them.
+
+        Args:
+            power: That is taken off. [W]
+            first: From which rest on.
+        """
         return replace(self, power=self.power - power * (np.arange(len(self.power)) >= first))
 
     def step(self, first: int) -> PowerStep:
