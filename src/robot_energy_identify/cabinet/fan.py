@@ -133,7 +133,9 @@ class Rests:
         rows = slice(max(first - MOST, 0), first + MOST)
         time, power = self.time[rows] - self.time[first], self.power[rows]
         others = np.column_stack([np.ones(len(time)), time, self.heat[rows]])
-        base, scale, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
+        size = np.linalg.norm(others, axis=0)
+        others /= np.where(size > 0.0, size, 1.0)  # an upright axis holds nothing
+        base, scale, _ = np.linalg.svd(others, full_matrices=False)
         base = base[:, scale > RANK * scale[0]]
         left = (time >= 0.0) - base @ (base.T @ (time >= 0.0))  # of the step, and of the power
         power = power - base @ (base.T @ power)
@@ -242,8 +244,7 @@ def _rests(part: Recording) -> Rests:
     row = row_of(part, pieces)
     torque, degc = winding_torque(part)[row], part.power.motor_temperature_degc[row]
     heat = loss_columns(np.zeros_like(torque), torque, np.where(np.isnan(degc), COOL, degc))
-    own = [
-        parted(pieces, values)
-        for values in (middle, power, so_far[row], heat[..., TERMS.index("copper")])
-    ]
-    return Rests(*(np.array([one.mean(axis=0) for one in values]) for values in own))
+    values = (middle, power, so_far[row], heat[..., TERMS.index("copper")])
+    known = np.flatnonzero(np.isfinite(np.column_stack(values)).all(axis=1))
+    own = [parted(pieces[known], each[known]) for each in values]
+    return Rests(*(np.array([one.mean(axis=0) for one in each]) for each in own))

@@ -21,8 +21,8 @@ def rests(step, noise=0.0, seed=0, at=FIRST, slope=0.01):
     """A rest every 4 s, 20 to 45 degC; windings that warm up add a slope, poses copper losses."""
     random = np.random.default_rng(seed)
     time = 4.0 * np.arange(COUNT)
-    heat = random.uniform(0.0, 8.0, (COUNT, 2))
-    power = 100.0 + slope * time + heat @ (6.0, 2.0) + step * (np.arange(COUNT) >= at)
+    heat = random.uniform(0.0, 8.0, (COUNT, 3)) * (1.0, 1.0, 0.0)  # an upright axis holds nothing
+    power = 100.0 + slope * time + heat @ (6.0, 2.0, 3.0) + step * (np.arange(COUNT) >= at)
     power += random.normal(0.0, noise, COUNT) if noise else 0.0
     return Rests(time, power, 20.0 + 0.25 * np.arange(COUNT), heat)
 
