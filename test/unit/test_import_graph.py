@@ -31,8 +31,8 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.certainty": """
-        band band_calibration deviation energy_calibration friction_certainty
-        prediction_errors priors
+        band band_calibration deviation energy_calibration figure_deviations
+        friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
         baseline buckets drift joint_friction learner meter_fit meter_windows
