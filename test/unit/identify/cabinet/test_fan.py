@@ -1,6 +1,7 @@
 """A fan by its step in the power at rest."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy_identify.api.identify import identify_cabinet
 from robot_energy_identify.cabinet.fan import Rests, fan_of
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.stats.cross_validation import EnergyScore
+from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_rig.record import record
@@ -60,6 +64,21 @@ def test_what_is_no_fan_is_refused(every, why):
     """A slope; a warm-up through the same temperature without a step; a load that stops."""
     with pytest.raises(NotIdentifiableError, match=why):
         fan_of(every, 1.5)
+
+
+def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
+    """Power better by 2 %, and energy not worse."""
+
+    def reason(rms, energy):
+        total = SimpleNamespace(
+            without_fan=EnergyScore(20.0, 0.03, 0.05),
+            scores={"identified": EnergyScore(rms, energy, energy)},
+        )
+        return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
+
+    assert reason(15.0, 0.02) == ""
+    assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
+    assert "6.0 % off and 15 W" in reason(15.0, 0.06)
 
 
 def rig(*without):
