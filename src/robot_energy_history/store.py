@@ -34,9 +34,8 @@ from robot_energy_history.differences import (
     thinned,
 )
 from robot_energy_history.files import open_writer, take_lock, unusable
-from robot_energy_history.friction import LearnedFriction
 from robot_energy_history.notes import WaitingNotes
-from robot_energy_history.readings import OBSERVED, Reading
+from robot_energy_history.readings import OBSERVED, LearnedFriction, Reading
 from robot_energy_history.rollup import Rolled, forget_minutes, put_span, roll, thin
 from robot_energy_history.rows import attempt, put_epoch, put_events, reading_from
 from robot_energy_history.schema import FILE, prepare
@@ -89,7 +88,6 @@ class HistoryStore:
         commits: Transactions that were written.
         size: Of the file and its journal, at the last write. [bytes]
         trouble: Why nothing is written now; empty while it is.
-        notices: What was done to the file, to be said once.
     """
 
     def __init__(
@@ -99,7 +97,6 @@ class HistoryStore:
         self._keep_quarters_ns = int(keep_quarters * DAY_NS)
         self.ignored = self.refused = self.dropped = self.commits = self.size = 0
         self.trouble = ""
-        self.notices: list[str] = []
         self._lock: int | None = None
         self._connection: sqlite3.Connection | None = None
         self._robots: dict[str, _Robot] = {}
@@ -110,18 +107,12 @@ class HistoryStore:
         self._notes = WaitingNotes()
 
     def open(self) -> None:
-        """Take the lock and read up to where robots were recorded.
-
-        Raises:
-            HistoryError: If another process writes here, or the folder cannot be used.
-        """
+        """Take the lock and read up to where robots were recorded."""
         try:
             if self._lock is None:
                 self._lock = take_lock(self.folder)
             self._connection = open_writer(self.folder)
-            said = prepare(self._connection, self.folder / FILE)
-            if said:
-                self.notices.append(said)
+            prepare(self._connection, self.folder / FILE)
             self._robots = self._read()
         except (OSError, sqlite3.Error, ValueError) as error:
             self._disconnect()
@@ -152,12 +143,7 @@ class HistoryStore:
         """Take readings, never waiting for the disk; of those within a minute the last is enough.
 
         Args:
-            robot: Its name.
             readings: In order of arrival.
-            origin: Where they come from.
-
-        Raises:
-            HistoryError: If there are too many robots.
         """
         with self._mutex:
             known = {*self._robots, *(name for name, _ in (*self._waiting, *self._writing))}
@@ -205,9 +191,6 @@ class HistoryStore:
 
         Returns:
             The time of it that others have recorded, which is left out. [ns]
-
-        Raises:
-            HistoryError: If it cannot be written.
         """
         connection = self._connection
         if connection is None:

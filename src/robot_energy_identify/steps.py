@@ -26,6 +26,7 @@ from robot_energy_identify.cabinet.cabinet import (
     with_cabinet,
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy_identify.cabinet.fan import with_fan
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
 from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
@@ -375,12 +376,23 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
     return Step("friction", found, "", found.write(model, source), notes)
 
 
-def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+def constants_step(
+    bags: Sequence[Bag], model: RobotModel, source: str, without_fan: str = ""
+) -> Step:
+    """Return the constants of the cabinet and its fan; arguments as in `drives_step`.
+
+    Args:
+        without_fan: Why no fan is looked for; empty if one is.
+    """
+    fan, reason = None, without_fan
+    if not without_fan:
+        model, fan, reason = with_fan(model, read_all(bags, model), source)
     recordings, powers = powers_of(bags, model)
     rest = None
     if any(power is not None for power in powers):
         rest = rest_of_drives(drive_data(recordings, powers, measured_torque=False), model)
-    return cabinet_step(model, fit_cabinet(recordings, rest), source)
+    fit = replace(fit_cabinet(recordings, rest), fan=fan, fan_reason=reason)
+    return cabinet_step(model, fit, source)
 
 
 def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
@@ -439,6 +451,21 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     return Step("drives", found, "", written, tuple(notes))
 
 
+def fan_refused(drives: Step) -> str:
+    """Return why the fan that was taken off the readings is not taken; empty if it is."""
+    total = drives.found.total if isinstance(drives.found, DrivesFound) else None
+    if total is None or total.without_fan is None:
+        return ""
+    new, old = total.scores.get("identified"), total.without_fan
+    if new is None or new.beats(old):
+        return ""
+    return (
+        f"with a fan held-out readings are predicted no better (energy "
+        f"{100 * new.energy_error:.1f} % off and {new.rms:.3g} W RMS; without "
+        f"{100 * old.energy_error:.1f} % and {old.rms:.3g} W)"
+    )
+
+
 def _not_better(total: TotalFound) -> str:
     """Why losses from one meter are not taken; empty if they are better than the model's own."""
     given, new = total.scores.get("given"), total.scores.get("identified")
@@ -491,7 +518,7 @@ MadeStep = Callable[[Sequence[Bag], RobotModel, str], Step]
 STEPS: dict[Subject, MadeStep] = {
     "dynamics": _dynamics,
     "friction": friction_step,
-    "cabinet": _cabinet,
+    "cabinet": constants_step,
     "drives": drives_step,
     "capacitor": capacitor_step,
     "thermal": _thermal,

@@ -27,8 +27,8 @@ from robot_energy.model import RobotModel
 from robot_energy.pipeline import FrictionStage, TorqueStage
 from robot_energy.pipeline.friction_timeline import FallbackUse
 from robot_energy.timeline.blocks import NANOSECOND, Quality
-from robot_energy.timeline.epochs import EpochSplitter
-from robot_energy.timeline.streams import sentence_of
+from robot_energy.timeline.stamps import sentence_of
+from robot_energy.timeline.streams import EpochSplitter
 from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.diagnostics.inputs import InputWatch, accounting
@@ -350,7 +350,7 @@ def energy_source(
             "comparison_time_s": comparison.compared_ns * 1e-9,
             "residual_energy_j": residual if comparison.compared_ns else math.nan,
             "residual_share": residual / abs(measured) if measured else math.nan,
-            "residual_share_last_minute": account.judgement.residual_share,
+            "residual_share_last_minute": comparison.minute.residual_share,
             "meter_time_constant_s": response.time_constant,
             "meter_delay_s": response.delay,
             "meter_response_found_online": bool(response.sentence),

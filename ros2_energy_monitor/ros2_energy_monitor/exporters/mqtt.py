@@ -25,17 +25,18 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.foundation.errors import ExporterError
-from robot_energy.foundation.files.private_file import require_private
+from robot_energy.foundation.files.regular_file import require_private
 from robot_energy.inputs.parameters import parameter
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,
+    Exporter,
+    Newest,
     Topic,
     exported,
 )

@@ -26,28 +26,112 @@ import ipaddress
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from robot_energy import __version__
 from robot_energy.foundation.errors import ExporterError
-from robot_energy.foundation.files.private_file import require_private
+from robot_energy.foundation.files.regular_file import require_private
+from robot_energy.foundation.units import ENERGY_UNITS
 from robot_energy.inputs.parameters import parameter
 from robot_energy.model.auxiliary import MAX_LOADS
+from robot_energy.timeline.blocks import MeterLocation
 from ros2_energy_monitor.base.credentials import read_credentials
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest
-from ros2_energy_monitor.exporters.opcua_measurements import (
-    MEASUREMENTS,
-    OBJECTS,
-    Measurement,
-    data_value,
-    load_measurements,
+from ros2_energy_monitor.exporters.values import Exporter, Newest, Topic, stamp_of
+
+MEASURED_IN = {
+    Topic.POWER: (1.0, (5723220, "W", "watt")),
+    Topic.REGISTERS: (ENERGY_UNITS["Wh"], (5720146, "W·h", "watt hour")),
+}
+"""One of the unit of a variable in that of the field, and that unit."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """One variable.
+
+    Attributes:
+        double: Whether it is a Double; a Float otherwise.
+        number: MeasurementID; None where no public text states one.
+        load: Name of the load outside of the cabinet that it is of; empty for the robot.
+    """
+
+    origin: str
+    name: str
+    topic: Topic
+    field: str
+    double: bool
+    number: int | None = None
+    load: str = ""
+
+    def value(self, message: Any) -> float:
+        """Return the value in a message; NaN where the load is not in it."""
+        owner = message
+        if self.load:
+            owner = next((one for one in message.auxiliary if one.name == self.load), None)
+        size, _ = MEASURED_IN[self.topic]
+        return math.nan if owner is None else getattr(owner, self.field) / size
+
+
+def _of(origin: str, power: str, energy: str, load: str = "") -> tuple[Measurement, ...]:
+    low, high = "AcActiveEnergyTotalImportLp", "AcActiveEnergyTotalImportHp"
+    return (
+        Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, False, 1412, load),
+        Measurement(origin, low, Topic.REGISTERS, energy, False, 1001, load),
+        Measurement(origin, high, Topic.REGISTERS, energy, True, None, load),
+    )
+
+
+PREDICTED, MEASURED, LOAD = "predicted", "measured", "load"
+OBJECTS = {
+    PREDICTED: ("PredictedEnergy", "computed by a model from joint states and temperatures"),
+    MEASURED: ("MeasuredEnergy", "read from a meter at the mains supply of the cabinet"),
+}
+MEASUREMENTS = (
+    *_of(PREDICTED, "predicted_grid_power", "predicted_import_energy"),
+    *(
+        Measurement(PREDICTED, name, topic, field, True)  # of the 90 % band; the standard has none
+        for name, topic, field in (
+            ("ActivePowerBandLower", Topic.POWER, "predicted_power_lower"),
+            ("ActivePowerBandUpper", Topic.POWER, "predicted_power_upper"),
+            ("ActiveEnergyBandHalfWidth", Topic.REGISTERS, "predicted_energy_band"),
+        )
+    ),
+    *_of(MEASURED, "measured_power", "measured_energy"),
 )
-from ros2_energy_monitor.exporters.values import Topic
+
+
+def load_measurements(name: str) -> tuple[Measurement, ...]:
+    """Return the measurements of a load outside of the cabinet."""
+    power, _, energy = _of(LOAD, "power", "energy", name)
+    return power, energy
+
+
+def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
+    """Return value, status and source time [s] of a measurement.
+
+    Args:
+        now: Steady time. [s]
+    """
+    message = newest.message(one.topic)
+    if message is None:
+        return math.nan, "BadWaitingForInitialData", 0.0
+    stamp = stamp_of(message.header.stamp)
+    if not newest.is_current(one.topic, now):
+        return math.nan, "BadNoCommunication", stamp
+    value = one.value(message)
+    power = newest.message(Topic.POWER)
+    if one.origin is MEASURED and (power is None or power.meter_location != MeterLocation.GRID):
+        return math.nan, "BadNotConnected", stamp
+    if not math.isfinite(value):
+        return math.nan, "BadNotConnected" if one.origin is MEASURED else "BadNoData", stamp
+    doubtful = one.origin is PREDICTED and power is not None and power.quality != 0
+    return value, "UncertainSubNormal" if doubtful else "Good", stamp
+
 
 NAMESPACE = "urn:robot-energy:opcua"
 UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
@@ -181,41 +265,32 @@ class OpcUaExporter(Exporter):
             await server.load_certificate(given.certificate_file)
             await server.load_private_key(given.key_file)
 
-    async def _build_load(self, name: str) -> None:
-        """Add the object of a load that a message has named."""
-        ua, space, title = self._asyncua.ua, self._space, f"AuxiliaryEnergy.{name}"
+    async def _build(self, server: Any) -> None:
+        space = self._space = await server.register_namespace(NAMESPACE)
+        types = server.nodes.base_object_type
+        self._kind = await types.add_object_type(space, "EnergyMeasurement")
+        self._place = await server.nodes.objects.add_object(space, self._robot)
+        await self._place.add_property(space, "SoftwareVersion", __version__)
+        for origin, (title, text) in OBJECTS.items():
+            held = [one for one in MEASUREMENTS if one.origin == origin]
+            await self._add_object(title, self._robot, text, held)
+
+    async def _add_object(
+        self, title: str, tag: str, origin: str, held: Sequence[Measurement]
+    ) -> None:
+        ua, space = self._asyncua.ua, self._space
         place = await self._place.add_object(
             ua.NodeId(f"{self._robot}.{title}", space),
             ua.QualifiedName(title, space),
             objecttype=self._kind.nodeid,
         )
-        await place.add_property(space, "ApplicationTag", f"{self._robot} {name}")
-        await place.add_property(space, "Origin", "load outside of the cabinet")
-        for one in self._loads[name]:
-            self._nodes[one] = await self._variable(place, space, title, one)
+        await place.add_property(space, "ApplicationTag", tag)
+        await place.add_property(space, "Origin", origin)
+        for one in held:
+            self._nodes[one] = await self._variable(place, title, one)
 
-    async def _build(self, server: Any) -> None:
-        ua = self._asyncua.ua
-        space = await server.register_namespace(NAMESPACE)
-
-        def name(browse: str) -> Any:
-            return ua.QualifiedName(browse, space)
-
-        kind = await server.nodes.base_object_type.add_object_type(space, "EnergyMeasurement")
-        self._kind, self._space = kind, space
-        robot = self._place = await server.nodes.objects.add_object(space, self._robot)
-        await robot.add_property(space, "SoftwareVersion", __version__)
-        for origin, (title, text) in OBJECTS.items():
-            place = await robot.add_object(
-                ua.NodeId(f"{self._robot}.{title}", space), name(title), objecttype=kind.nodeid
-            )
-            await place.add_property(space, "ApplicationTag", self._robot)
-            await place.add_property(space, "Origin", text)
-            for one in (one for one in MEASUREMENTS if one.origin == origin):
-                self._nodes[one] = await self._variable(place, space, title, one)
-
-    async def _variable(self, place: Any, space: int, title: str, one: Measurement) -> Any:
-        ua = self._asyncua.ua
+    async def _variable(self, place: Any, title: str, one: Measurement) -> Any:
+        ua, space = self._asyncua.ua, self._space
         kind = ua.VariantType.Double if one.double else ua.VariantType.Float
         node = await place.add_variable(
             ua.NodeId(f"{self._robot}.{title}.{one.name}", space),
@@ -224,7 +299,7 @@ class OpcUaExporter(Exporter):
             kind,
         )
         await node.write_value(self._value(one, (math.nan, "BadWaitingForInitialData", 0.0)))
-        number, symbol, words = one.unit
+        _, (number, symbol, words) = MEASURED_IN[one.topic]
         unit = ua.EUInformation(UNITS, number, ua.LocalizedText(symbol), ua.LocalizedText(words))
         await node.add_property(ua.NodeId(), ua.QualifiedName("EngineeringUnits", 0), unit)
         if one.number is not None:
@@ -234,8 +309,10 @@ class OpcUaExporter(Exporter):
     async def _write(self, values: dict[Measurement, tuple[float, str, float]]) -> None:
         async with self._writing:
             for one, value in values.items():
-                if one not in self._nodes:
-                    await self._build_load(one.load)
+                if one not in self._nodes:  # of a load that a message has named since
+                    title, tag = f"AuxiliaryEnergy.{one.load}", f"{self._robot} {one.load}"
+                    held = self._loads[one.load]
+                    await self._add_object(title, tag, "load outside of the cabinet", held)
                 await self._server.write_attribute_value(
                     self._nodes[one].nodeid, self._value(one, value)
                 )

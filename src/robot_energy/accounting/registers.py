@@ -169,10 +169,14 @@ class HeldIntegrator:
     """Integrates held rows over the observed time by trapezoids, from where each begins.
 
     A row is complete once the next one begins, so the cutting of the input makes no difference.
+
+    Attributes:
+        open_ns: Where the row began that is not complete, after the first sample. [ns]
     """
 
     def __init__(self) -> None:
         self._open: _Open | None = None
+        self.open_ns = 0
 
     def step(self, block: PowerBlock, duration_ns: Int) -> HeldEnergies | None:
         """Return what becomes complete with these power samples, if anything.
@@ -194,7 +198,7 @@ class HeldIntegrator:
         self._open = _Open(
             int(stamp[-1]), int(phase[-1]), int(passed[-1] - passed[last]), values[-1]
         )
-        time = upto[1:] - upto[:-1]
+        self.open_ns, time = self._open.stamp_ns, upto[1:] - upto[:-1]
         if before is not None:
             stamp = np.concatenate([[before.stamp_ns], stamp])
             phase = np.concatenate([np.array([before.phase], dtype=np.uint8), phase])
@@ -207,11 +211,6 @@ class HeldIntegrator:
         return HeldEnergies(stamp[:-1], phase[:-1], time, energy)
 
     @property
-    def open_ns(self) -> int:
-        """Where the row began that is not complete, after the first sample. [ns]"""
-        return 0 if self._open is None else self._open.stamp_ns
-
-    @property
     def open_energy(self) -> Float | float:
         """Its integral so far, shape (K,). [J]"""
         row = self._open
@@ -219,7 +218,7 @@ class HeldIntegrator:
 
     def interrupt(self) -> None:
         """Drop the row that is not complete."""
-        self._open = None
+        self._open, self.open_ns = None, 0
 
 
 class Registers(ExactSum):
@@ -362,13 +361,15 @@ class ShaftEnergySums(ExactSum):
 
     Attributes:
         compared_ns: Time over which each joint was compared, shape (n,). [ns]
+        last: Measured power at the last sample, driving and given back, shape (2 n,); NaN for a
+            sample without effort. [W]
     """
 
     def __init__(self, n_joints: int) -> None:
         super().__init__(len(SHAFT_REGISTERS) * n_joints)
         self.n_joints = n_joints
         self.compared_ns: Int = np.zeros(n_joints, dtype=np.int64)
-        self._last: Float = np.full(2 * n_joints, np.nan)
+        self.last: Float | float = np.nan
 
     def reset(self) -> None:
         """Begin at zero."""
@@ -385,10 +386,6 @@ class ShaftEnergySums(ExactSum):
         joule = self.joule[start : start + self.n_joints]
         return np.where(self.compared_ns > 0, joule, np.nan)
 
-    def leave_out(self) -> None:
-        """Note that a block has no effort at all."""
-        self._last = np.full_like(self._last, np.nan)
-
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
     def step(self, block: PowerBlock, intervals: SampleIntervals) -> Float:
         """Integrate a block.
@@ -399,10 +396,10 @@ class ShaftEnergySums(ExactSum):
         """
         n_joints, measured = self.n_joints, block.shaft_power_measured
         power = np.empty((len(block) + 1, 2 * n_joints), order="F")
-        power[0], positive, negative = self._last, power[1:, :n_joints], power[1:, n_joints:]
+        power[0], positive, negative = self.last, power[1:, :n_joints], power[1:, n_joints:]
         np.maximum(measured, 0.0, out=positive)
         np.subtract(positive, measured, out=negative)
-        self._last = power[-1].copy()
+        self.last = power[-1].copy()
         energy = np.empty((len(block), len(SHAFT_REGISTERS) * n_joints), order="F")
         parts = energy[:, : 2 * n_joints]
         np.add(power[1:], power[:-1], out=parts)

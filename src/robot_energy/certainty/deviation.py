@@ -88,7 +88,6 @@ class PowerDeviation:
         elif not kind.lossless:
             self._drive = partial(_share_of_loss, share=figures.drive_share)
         self._loss_dc = figures.loss_dc
-        self._loss_grid = float(np.hypot(figures.loss_grid, figures.at_rest))
         self._returned = figures.returned
         self._bodies, self._payload = figures.bodies, figures.payload
         self._payload_share = figures.payload_share
@@ -122,6 +121,7 @@ class PowerDeviation:
         viscous_std: Float,
         shared_std: Float,
         held: Float,
+        fan_power: Float | float,
         payload_mass: Float,
         balance: Balance,
         stamp_ns: Int,
@@ -138,6 +138,7 @@ class PowerDeviation:
             viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
             shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
+            fan_power: That is to be expected, shape (N,). [W]
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
         """
@@ -194,7 +195,7 @@ class PowerDeviation:
         np.multiply(self._payload, of_payload, out=payload)
         np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
-        loss_grid[:] = self._loss_grid
+        loss_grid[:] = np.hypot(self._figures.grid_side(fan_power), self._figures.at_rest)
         unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
         np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
         squares = squares + bodies**2 + payload**2 + loss_dc**2

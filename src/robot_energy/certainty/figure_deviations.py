@@ -87,11 +87,28 @@ class FigureDeviations:
         cabinet = model.cabinet
         self.loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         self.loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
+        self._fan = cabinet.fan
         self.at_rest = FORM_AT_REST * model.constant_power()
         efficiency = cabinet.regeneration_efficiency
         self.returned = 0.0 if efficiency is None else efficiency.value
         self.friction = FrictionModel.from_model(model)
         self._exponent_velocity, self._exponent_std = _exponents(model)
+
+    def grid_side(self, fan_power: Float | float) -> Float | float:
+        """Return the deviation of the loss on the grid side, shape () or (N,). [W]
+
+        A fan that runs with the probability p errs by ``P_fan sqrt(p (1 - p))``, and its power.
+
+        Args:
+            fan_power: That is to be expected, ``p P_fan``, shape (N,). [W]
+        """
+        fan = self._fan
+        if fan is None or fan.power.value == 0.0:
+            return self.loss_grid
+        share = fan_power / fan.power.value
+        switched = fan_power * (fan.power.value - fan_power)
+        known = (share * figure_std(fan.power, "loss_grid")) ** 2
+        return np.sqrt(self.loss_grid**2 + switched + known)
 
     def by_exponent(self, motor_velocity: Float) -> tuple[Float, Float] | None:
         """Return what viscous exponents do to deviations; None without any.

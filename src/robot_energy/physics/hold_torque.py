@@ -56,13 +56,11 @@ class HoldTorque:
         self.direction: Float = np.zeros(len(model.joints))
 
     def follow(self, motor_velocity: Float) -> Float:
-        """Return the direction of the last motion, shape (N, n), or (n,) where nothing is kept.
+        """Return the direction of the last motion, shape (N, n); of use where something is kept.
 
         Args:
             motor_velocity: Shape (N, n). [rad/s]
         """
-        if not self.kept:
-            return self.direction
         found = last_direction(motor_velocity, self._moving, self.direction)
         self.direction = found[-1]
         return found

@@ -12,6 +12,7 @@ from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.options import EFFORTS
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import Inputs
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from robot_energy_identify.friction.samples import FrictionData
     from robot_energy_identify.stats.systematic import SensorLimits
 
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 NEVER_GUESSED = "the effort of a driver is never guessed"
 
 
@@ -55,11 +55,7 @@ class BagSource:
         return ", ".join(path.name for path in self.paths)
 
     def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
-        """Return what the effort means, and the inputs of the parameter file.
-
-        Raises:
-            ParameterError: If the parameter file cannot be used.
-        """
+        """Return what the effort means, and the inputs of the parameter file."""
         read, notes = driver_inputs(self.inputs, self.robot)
         if notes:
             raise ParameterError(notes[0], remedy=f"change {self.inputs}")
@@ -83,11 +79,7 @@ class BagSource:
         return found
 
     def with_effort(self, model: RobotModel) -> list[Recording]:
-        """Return bags with measured torque or current as the stages of the monitor read them.
-
-        Raises:
-            ModelFileError: If it is not said what the effort means.
-        """
+        """Return bags with measured torque or current as the stages of the monitor read them."""
         from robot_energy_identify.causes import refuse_torque, torque_evidence
         from robot_energy_identify.plausibility import check_signs
 

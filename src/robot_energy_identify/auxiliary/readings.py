@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,12 @@ from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.replay.replay_steps import LoadIngest
 from robot_energy.timeline.blocks import Float, Int, MeterBlock
 from robot_energy.timeline.pieces import CoveredPieces
-from robot_energy_identify.cabinet.cabinet import BEFORE_MOTION, SETTLED, holding, readings_inside
+from robot_energy_identify.cabinet.phase_readings import (
+    BEFORE_MOTION,
+    SETTLED,
+    holding,
+    readings_inside,
+)
 from robot_energy_identify.data.recordings import Recording
 
 AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts
@@ -85,6 +90,18 @@ class StateReadings:
     def __getitem__(self, rows: slice | Int) -> StateReadings:
         return StateReadings(*(each[rows] for each in self.__dict__.values()))
 
+    @classmethod
+    def joined(cls, parts: Sequence[StateReadings]) -> StateReadings:
+        """Return the readings of recordings as of one, every visit with a number of its own."""
+        starts = np.cumsum([0, *(int(part.visit.max(initial=0)) + 1 for part in parts)])
+        moved = [replace(p, visit=p.visit + add) for p, add in zip(parts, starts, strict=False)]
+        return cls(*map(np.concatenate, zip(*(p.__dict__.values() for p in moved), strict=True)))
+
+    @property
+    def first(self) -> list[int]:
+        """The least number of a state of each load."""
+        return self.state.min(axis=0).tolist()
+
 
 LoadRecording = Mapping[str, tuple[CoveredPieces, StateChanges]]
 """What a bag holds of the loads, by their names: curve of the meter, none without; changes."""
@@ -136,9 +153,6 @@ def outlet_readings(
     """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
 
     Loads with a meter of their own are taken off by it.
-
-    Raises:
-        NotIdentifiableError: If the recording has no meter.
     """
     if recording.meter is None:
         raise NotIdentifiableError(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
@@ -23,75 +25,48 @@ OWN, OUTLET = "own meter", "meter of the outlet"
 Tried = tuple[Float, Float, Float, Float]  # measured, new and before [W], time [s], shape (N,)
 
 
-@dataclass(frozen=True)
-class StateFit:
-    """Power of one state.
+class StateFit(Described):
+    """Power of one state."""
 
-    Attributes:
-        load: Name of the load.
-        state: Of the state.
-        power: [W]
-        std: Its standard deviation; None where one reading says nothing of its scatter. [W]
-        parts: Deviations by cause. [W]
-        readings: Behind it.
-        visits: How often the state was in force.
-        time: Of these readings. [s]
-        before: Power in the given model. [W]
-    """
-
-    load: str
-    state: str
-    power: float
-    std: float | None
-    parts: dict[str, float]
-    readings: int
-    visits: int
-    time: float
-    before: float
+    load: Annotated[str, "Name of the load."]
+    state: Annotated[str, "Of the state."]
+    power: Annotated[float, "[W]"]
+    std: Annotated[
+        float | None,
+        "Its standard deviation; None where one reading says nothing of its scatter. [W]",
+    ]
+    parts: Annotated[dict[str, float], "Deviations by cause. [W]"]
+    readings: Annotated[int, "Behind it."]
+    visits: Annotated[int, "How often the state was in force."]
+    time: Annotated[float, "Of these readings. [s]"]
+    before: Annotated[float, "Power in the given model. [W]"]
 
 
-@dataclass(frozen=True)
-class HeldOutStates:
-    """What the fit has not seen, by the new figures and by those of the given model.
+class HeldOutStates(Described):
+    """What the fit has not seen, by the new figures and by those of the given model."""
 
-    Attributes:
-        what: What that was: ``recordings`` or ``end of the recording``.
-        readings: How many.
-        energy: Measured. [J]
-        energy_error: Predicted minus measured, over measured. [-]
-        energy_error_before: The same with the given model. [-]
-        rms: Error of the power. [W]
-        rms_before: The same with the given model. [W]
-    """
-
-    what: str
-    readings: int
-    energy: float
-    energy_error: float
-    energy_error_before: float
-    rms: float
-    rms_before: float
+    what: Annotated[str, "What that was: ``recordings`` or ``end of the recording``."]
+    readings: Annotated[int, "How many."]
+    energy: Annotated[float, "Measured. [J]"]
+    energy_error: Annotated[float, "Predicted minus measured, over measured. [-]"]
+    energy_error_before: Annotated[float, "The same with the given model. [-]"]
+    rms: Annotated[float, "Error of the power. [W]"]
+    rms_before: Annotated[float, "The same with the given model. [W]"]
 
 
-@dataclass(frozen=True)
-class LoadsFit:
-    """States of one load with a meter, or of all loads behind the meter of the outlet.
+class LoadsFit(Described):
+    """States of one load with a meter, or of all loads behind the meter of the outlet."""
 
-    Attributes:
-        loads: Their names.
-        source: `OWN` or `OUTLET`.
-        states: What was found; states without enough readings are left out.
-        held_out: None where too little was left to try it.
-        used: Whether the model takes it: held-out readings are predicted better.
-        notes: What the readings do not determine, one sentence each.
-    """
-
-    loads: tuple[str, ...]
-    source: str
-    states: tuple[StateFit, ...]
-    held_out: HeldOutStates | None
-    used: bool
-    notes: tuple[str, ...] = field(default=())
+    loads: Annotated[tuple[str, ...], "Their names."]
+    source: Annotated[str, "`OWN` or `OUTLET`."]
+    states: Annotated[
+        tuple[StateFit, ...], "What was found; states without enough readings are left out."
+    ]
+    held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
+    used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
+    notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."] = (
+        field(default=())
+    )
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:
@@ -100,13 +75,9 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     The power of a state is its energy over its time.
 
     Args:
-        parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
-
-    Raises:
-        NotIdentifiableError: If no state has enough readings.
     """
-    states, notes = _states(load, parts, gain)
+    states, notes = _states(load, StateReadings.joined(parts), gain)
     if not states:
         raise NotIdentifiableError(
             f"no state of {load.name} has {MIN_READINGS} readings of its meter",
@@ -117,7 +88,7 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     powers = before.copy()
     tried: list[Tried] = []
     for train, test in _folds(parts):
-        found, _ = _states(load, train, gain)
+        found, _ = _states(load, StateReadings.joined(train), gain)
         powers[:] = before
         for one in found:
             powers[load.state_names.index(one.state)] = one.power
@@ -137,7 +108,6 @@ def fit_outlet(
 
     Args:
         loads: Those without a meter of their own, in the order of the columns of the states.
-        parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
 
     Returns:
@@ -146,16 +116,16 @@ def fit_outlet(
     """
     fit, columns = _regressed(loads, parts, gain)
     states: list[StateFit] = []
-    whole = np.concatenate([part.state for part in parts])
+    whole = StateReadings.joined(parts)
     for place, (load, number) in enumerate(columns, len(parts)):
-        entry, rows = loads[load], np.flatnonzero(whole[:, load] == number)
-        first = list(entry.states.values())[_reference(whole[:, load])].value
+        entry, rows = loads[load], np.flatnonzero(whole.state[:, load] == number)
+        first = list(entry.states.values())[whole.first[load]].value
         power = first + float(fit.values[place])
-        states.append(_state_fit(entry, number, power, fit.parts_of(place), parts, rows))
+        states.append(_state_fit(entry, number, power, fit.parts_of(place), whole[rows]))
     notes = tuple(
         f"a meter of the outlet shows differences alone: {load.name} "
-        f"{load.state_names[_reference(whole[:, place])]} keeps the power of the model"
-        for place, load in enumerate(loads)
+        f"{load.state_names[first]} keeps the power of the model"
+        for load, first in zip(loads, whole.first, strict=True)
     )
     held = _outlet_held_out(loads, parts, gain)
     names, taken = tuple(load.name for load in loads), _taken(held, loads)
@@ -165,7 +135,6 @@ def fit_outlet(
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
     """Return a model with the identified powers that are used."""
     found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
-
     loads: list[AuxiliaryLoad] = []
     for load in model.auxiliary or ():
         states = {
@@ -188,25 +157,20 @@ def _taken(held: HeldOutStates | None, loads: Sequence[AuxiliaryLoad]) -> bool:
 
 
 def _states(
-    load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float
+    load: AuxiliaryLoad, whole: StateReadings, gain: float
 ) -> tuple[tuple[StateFit, ...], tuple[str, ...]]:
-    power, time = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("power", "duration")
-    )
-    state, visit = np.concatenate([part.state[:, 0] for part in parts]), _visits(parts)
     found: list[StateFit] = []
     missing: list[str] = []
     for number, name in enumerate(load.state_names):
-        rows = np.flatnonzero(state == number)
-        if len(rows) < MIN_READINGS:
+        own = whole[np.flatnonzero(whole.state[:, 0] == number)]
+        if len(own) < MIN_READINGS:
             missing.append(name)
             continue
-        visits = len(np.unique(visit[rows]))
-        root = np.sqrt(time[rows])
-        target, columns = power[rows] * root, root[:, None]
-        fit = regress(columns, target, _chunks(visit[rows], visits), (name,), "ols", load.name)
+        root = np.sqrt(own.duration)
+        target, columns = own.power * root, root[:, None]
+        fit = regress(columns, target, _chunks(own.visit), (name,), "ols", load.name)
         parts_of = with_systematic(fit, columns, {METER: [gain * target]}).parts_of(0)
-        found.append(_state_fit(load, number, float(fit.values[0]), parts_of, parts, rows))
+        found.append(_state_fit(load, number, float(fit.values[0]), parts_of, own))
     if not missing:
         return tuple(found), ()
     return tuple(found), (
@@ -216,23 +180,18 @@ def _states(
 
 
 def _state_fit(
-    load: AuxiliaryLoad,
-    number: int,
-    power: float,
-    deviations: dict[str, float],
-    parts: Sequence[StateReadings],
-    rows: Int,
+    load: AuxiliaryLoad, number: int, power: float, deviations: dict[str, float], own: StateReadings
 ) -> StateFit:
-    time, std = np.concatenate([part.duration for part in parts])[rows], total(deviations)
+    std = total(deviations)
     return StateFit(
         load.name,
         load.state_names[number],
         power,
         std if np.isfinite(std) else None,
         deviations,
-        len(rows),
-        len(np.unique(_visits(parts)[rows])),
-        float(time.sum()),
+        len(own),
+        len(np.unique(own.visit)),
+        float(own.duration.sum()),
         list(load.states.values())[number].value,
     )
 
@@ -241,31 +200,27 @@ def _regressed(
     loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
 ) -> tuple[Fit, list[tuple[int, int]]]:
     """Fit of a constant for each recording, then of each state but the first of each load."""
-    state = np.concatenate([part.state for part in parts])
+    whole = StateReadings.joined(parts)
     run = np.concatenate([np.full(len(part), place) for place, part in enumerate(parts)])
     names = [f"recording {place + 1}" for place in range(len(parts))]
     columns = [(run == place).astype(float) for place in range(len(parts))]
     wanted: list[tuple[int, int]] = []
     for place, load in enumerate(loads):
-        seen = np.unique(state[:, place]).tolist()
-        reference = _reference(state[:, place])
-        for number in seen:
-            if number != reference:
-                wanted.append((place, number))
-                names.append(f"{load.name} {load.state_names[number]}")
-                columns.append((state[:, place] == number).astype(float))
-    if not wanted or len(state) < MIN_READINGS + len(names):
+        state = whole.state[:, place]
+        for number in np.unique(state)[1:].tolist():
+            wanted.append((place, number))
+            names.append(f"{load.name} {load.state_names[number]}")
+            columns.append((state == number).astype(float))
+    if not wanted or len(whole) < MIN_READINGS + len(names):
         raise NotIdentifiableError(
-            f"{len(state)} readings of the outlet lie inside rest, in "
+            f"{len(whole)} readings of the outlet lie inside rest, in "
             f"{len(wanted) + len(loads)} states of {', '.join(load.name for load in loads)}",
             "loads that change their states while the robot stands still",
             "let the robot stand with active drives and switch each load on its own, several times",
         )
     matrix = np.stack(columns, axis=1)
-    power = np.concatenate([part.power for part in parts])
-    fit = regress(matrix, power, _visits(parts), names, "irls", "the readings of the outlet")
-    shown = np.concatenate([part.shown for part in parts])
-    return with_systematic(fit, matrix, {METER: [gain * shown]}), wanted
+    fit = regress(matrix, whole.power, whole.visit, names, "irls", "the readings of the outlet")
+    return with_systematic(fit, matrix, {METER: [gain * whole.shown]}), wanted
 
 
 def _outlet_held_out(
@@ -279,12 +234,12 @@ def _outlet_held_out(
         except NotIdentifiableError:
             return None
         new, before = np.zeros((2, len(test)))
+        first = StateReadings.joined(train).first
         for place, (load, number) in enumerate(columns, len(train)):
             rows = test.state[:, load] == number
             figures = list(loads[load].states.values())
-            reference = _reference(np.concatenate([each.state[:, load] for each in train]))
             new[rows] += fit.values[place]
-            before[rows] += figures[number].value - figures[reference].value
+            before[rows] += figures[number].value - figures[first[load]].value
         rest, new, before = (
             each - np.average(each, weights=test.duration) for each in (test.power, new, before)
         )
@@ -318,28 +273,17 @@ def _held_out(tried: Sequence[Tried], recordings: int) -> HeldOutStates | None:
     return HeldOutStates(what, len(time), energy, error(new), error(before), rms(new), rms(before))
 
 
-def _visits(parts: Sequence[StateReadings]) -> Int:
-    start, found = 0, list[Int]()
-    for part in parts:
-        found.append(part.visit + start)
-        start += int(part.visit.max(initial=0)) + 1
-    return np.concatenate(found)
-
-
-def _chunks(visit: Int, visits: int) -> Int:
+def _chunks(visit: Int) -> Int:
     """Blocks of readings: the visits, cut further where they are few."""
-    if visits >= CHUNKS:
+    numbers = np.unique(visit)
+    if len(numbers) >= CHUNKS:
         return visit
-    per_visit = -(-CHUNKS // visits)
+    per_visit = -(-CHUNKS // len(numbers))
     chunk = np.empty_like(visit)
     start = 0
-    for number in np.unique(visit):
+    for number in numbers:
         rows = np.flatnonzero(visit == number)
         for part in np.array_split(rows, min(per_visit, len(rows))):
             chunk[part] = start
             start += 1
     return chunk
-
-
-def _reference(state: Int) -> int:
-    return int(state.min())

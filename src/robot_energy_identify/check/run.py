@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
@@ -17,7 +17,14 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.check.evidence import Evidence, Remarks, evidence_of, joined, remarks_of
+from robot_energy_identify.check.evidence import (
+    Evidence,
+    Remarks,
+    Windows,
+    evidence_of,
+    joined,
+    remarks_of,
+)
 from robot_energy_identify.check.finding import (
     EFFORT,
     ERROR,
@@ -31,7 +38,6 @@ from robot_energy_identify.check.finding import (
 from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.motion import check_motion
 from robot_energy_identify.check.torque import check_torque
-from robot_energy_identify.check.windows import Windows
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction
@@ -67,12 +73,7 @@ class Checks:
     skipped: dict[str, str]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
-        """Return them with errors first.
-
-        Args:
-            recording: Its path.
-            model: That it was checked with.
-        """
+        """Return them with errors first."""
         named = f"{model.robot.type}, id {model.model_id}"
         found = [one for group in self.findings.values() for one in group]
         found.sort(key=lambda entry: SEVERITIES.index(entry.severity))
@@ -90,16 +91,6 @@ def check(
     """Return whether a recording fits a model, and what is wrong if not, errors first.
 
     Memory does not grow with the recording.
-
-    Args:
-        path: MCAP file or rosbag2 folder.
-        model: The model.
-        effort: What the effort in the joint states means.
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        time_range: The part of the recording to check; None: all.
-
-    Raises:
-        RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
     return check_together([path], model, effort, inputs, time_range)[0]
 
@@ -112,25 +103,26 @@ def check_together(
     inputs: Inputs | None = None,
     time_range: TimeRange | None = None,
 ) -> tuple[CheckResult, ...]:
-    """Return whether recordings of one robot fit a model; their torque is judged together.
-
-    Args:
-        paths: MCAP files or rosbag2 folders.
-        model: The model.
-        effort: What the effort in the joint states means.
-        inputs: As in `check`.
-        time_range: As in `check`.
-
-    Raises:
-        RobotEnergyError: As in `check`.
-    """
+    """Return whether recordings of one robot fit a model; their torque is judged together."""
     checks: list[Checks] = []
     parts: dict[int, Evidence] = {}
+    # Without a stated meaning the effort is read as well, to say which meaning would fit.
+    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
+    settings = Settings(effort=read_as, power_period=None)
+    if inputs is not None:
+        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
+    setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range)
     for place, path in enumerate(paths):
-        evidence = _evidence(path, model, effort, inputs, time_range)
+        windows = Windows(model)
+        result = replay(path, model, setup, on_output=windows.take)
+        evidence = evidence_of(
+            model, effort, *windows.blocks(), remarks_of(result), inputs,
+            result.pipeline.torque.robot.payload, windows.beyond,
+        )  # fmt: skip
+        del windows, result
         checks.append(checks_of(evidence))
         if TORQUE not in checks[-1].skipped:
-            parts[place] = evidence.thinned(without_power=True)
+            parts[place] = evidence.thinned()
     first = next(iter(parts.values()), None)
     alike = {
         place: part
@@ -159,43 +151,21 @@ def _contradicted(own: list[Finding], together: list[Finding], count: int) -> li
     ]  # fmt: skip
 
 
-def _evidence(
-    path: str | Path,
-    model: RobotModel,
-    effort: EffortMeaning,
-    inputs: Inputs | None,
-    time_range: TimeRange | None,
-) -> Evidence:
-    """What the checks need of a recording, in bounded memory."""
-    # Without a stated meaning the effort is read as well, to say which meaning would fit.
-    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
-    settings = Settings(effort=read_as, power_period=None)
-    if inputs is not None:
-        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
-    windows = Windows(model)
-    setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range)
-    result = replay(path, model, setup, on_output=windows.take)
-    torque, power, meter = windows.blocks()
-    carried = result.pipeline.torque.robot.payload
-    return evidence_of(
-        model, effort, torque, power, meter, remarks_of(result), inputs, carried, windows.beyond
-    )
-
-
 def checks_of(evidence: Evidence) -> Checks:
-    """Return what is found; data that are spoiled blame nothing else.
-
-    Args:
-        evidence: What was seen.
-    """
+    """Return what is found; data that are spoiled blame nothing else."""
     remarks = evidence.remarks
     found: dict[str, list[Finding]] = {
         "bag": [
             Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
             for text in remarks.problems
         ],
-        "joint states": _stream(remarks),
-    }
+        "joint states": [
+            Finding("joint_states", ERROR if one.everywhere else WARNING, ("joint_states",),
+                    one.sentence, float("nan"), float("nan"), one.setting,
+                    PARAMETERS if one.setting else "")
+            for one in remarks.stream
+        ],
+    }  # fmt: skip
     skipped: dict[str, str] = {}
     wrong = [one.cause for one in found["joint states"] if one.severity == ERROR]
     for name, one in CHECKS.items():
@@ -204,27 +174,17 @@ def checks_of(evidence: Evidence) -> Checks:
             skipped[name] = f"correct {spoilt} first"
             continue
         found[name], why = one(evidence) if name != METER else check_meter(evidence, wrong)
-        wrong += [entry.cause for entry in found[name] if _spoils(entry)]
+        wrong += [
+            entry.cause
+            for entry in found[name]
+            if entry.severity == ERROR or entry.cause in SPOILING
+        ]
         if why:
             skipped[name] = why
         if name == MOTION:
             found["joint states"] += _refused(remarks, wrong)
             wrong += [entry.cause for entry in found["joint states"] if entry.severity == ERROR]
     return Checks(found, skipped)
-
-
-def _spoils(finding: Finding) -> bool:
-    return finding.severity == ERROR or finding.cause in SPOILING
-
-
-def _stream(remarks: Remarks) -> list[Finding]:
-    """Say what is wrong with stamps and publishers of the joint states."""
-    return [
-        Finding("joint_states", ERROR if one.everywhere else WARNING, ("joint_states",),
-                one.sentence, float("nan"), float("nan"), one.setting,
-                PARAMETERS if one.setting else "")
-        for one in remarks.stream
-    ]  # fmt: skip
 
 
 def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:

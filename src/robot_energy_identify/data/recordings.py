@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.power_curve import MeterLimits
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
@@ -85,9 +85,7 @@ class Recording:
     Attributes:
         torque: Motion, rigid-body torque and measured torque of every sample.
         power: Temperature, bus power and phase of the same samples, row by row.
-        meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
-        problems: What was wrong with the bag, one sentence each.
         replay: The replay that gave it, with its accounting.
         temperatures: As they came, for another model.
         every: Of how many samples of the recording one is kept.
@@ -154,12 +152,7 @@ class Recording:
         return (compared,) if len(compared.duration_ns) else ()
 
     def between(self, start_ns: int, end_ns: int) -> Recording:
-        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out.
-
-        Args:
-            start_ns: First stamp. [ns]
-            end_ns: Behind the last one. [ns]
-        """
+        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out."""
         stamp, rows = self.torque.stamp_ns, _inside(self.torque.stamp_ns, start_ns, end_ns)
         if self.in_order:  # then nothing is copied
             rows = slice(*np.searchsorted(stamp, (start_ns, end_ns)).tolist())
@@ -221,9 +214,6 @@ class Recording:
 
         Args:
             model: Of the same joints, gears and torque constants.
-
-        Raises:
-            RobotEnergyError: If the model cannot be used.
         """
         if model is self.model:
             return self
@@ -260,9 +250,6 @@ class Recording:
         """Return whether a model has but other drives and cabinet, which move no temperature.
 
         One that is estimated follows the losses; a gear follows the meter if torque is unknown.
-
-        Args:
-            model: Of the same joints.
         """
         before, drives = self.model, {kind.key: None for kind in DRIVE_MODELS.values() if kind.key}
         if any(getattr(before, name) != getattr(model, name) for name in OF_MOTION) or any(
@@ -286,7 +273,8 @@ def _powers(
 ) -> PowerBlock:
     """The stages behind the torque, whose stamps rise."""
     friction = FrictionStage(model)
-    power = PowerStage(model, settings, ConditionLearner(model, settings))
+    condition = ConditionLearner(model, settings)
+    power = PowerStage(model, settings, condition)
     parts: list[PowerBlock | None] = []
     for first in range(0, len(torque), ROWS):
         rows = torque[slice(first, first + ROWS)]
@@ -295,9 +283,9 @@ def _powers(
         if temperatures is not None:
             arrived = temperatures[_inside(temperatures.stamp_ns, since, until)]
             if len(arrived) and (found := friction.step(arrived)) is not None:
-                power.friction(found)
+                power.timeline.add(found)
         if meter is not None and len(read := meter[_inside(meter.stamp_ns, since, until)]):
-            power.measure(read)
+            condition.measure(read)
         parts.append(power.step(rows))
     parts.append(power.flush())
     return PowerBlock.concatenate([without_deviation(part) for part in parts if part is not None])
@@ -331,21 +319,13 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
     return replace(earlier, power=power)
 
 
-def spread(recordings: Sequence[Recording], seconds: float = SPREAD) -> list[Recording]:
-    """Return minutes of all recordings, an equal share of each, see `Recording.spread`.
-
-    Args:
-        seconds: That they last together, about. [s]
-    """
-    return [part.spread(seconds / len(recordings)) for part in recordings]
+def spread(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return minutes of all recordings, an equal share of each, see `Recording.spread`."""
+    return [part.spread(SPREAD / len(recordings)) for part in recordings]
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings that have a power meter.
-
-    Raises:
-        NotIdentifiableError: If there is none.
-    """
+    """Return the recordings that have a power meter."""
     metered = [part for part in recordings if part.meter is not None]
     if not metered:
         raise NotIdentifiableError(
@@ -365,9 +345,6 @@ def channels_of(pieces: Sequence[MotionBlock], rate: float | None = None) -> lis
 
     Args:
         rate: Of the grid; None for that of the first piece. [Hz]
-
-    Raises:
-        NotIdentifiableError: If a piece has no stretch that is long enough.
     """
     channels: list[Channels] = []
     for block in pieces:
@@ -393,11 +370,7 @@ def read_recording(
     """Run a bag through the stages and keep its samples, of a long one every second, fourth, ...
 
     Args:
-        path: MCAP file or rosbag2 folder.
-        progress: Called with the share done, 0 to 1.
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
         most: Samples that are kept, about 0.7 kB each for six joints. [-]
-        time_range: Part of the bag; None for all.
 
     Returns:
         The recording, whose memory does not grow with its length.

@@ -57,11 +57,8 @@ def _strength(entry: AnySpring) -> PositiveFigure:
 
 def without_springs(model: RobotModel, springs: Mapping[int, AnySpring]) -> RobotModel:
     """Return a model without some counterbalances."""
-    joints = [
-        joint.model_copy(update={"counterbalance": None}) if place in springs else joint
-        for place, joint in enumerate(model.joints)
-    ]
-    return model.changed(joints=joints)
+    names = [model.joint_names[joint] for joint in springs]
+    return model.with_joints("counterbalance", dict.fromkeys(names))
 
 
 def spring_columns(springs: Mapping[int, AnySpring]) -> tuple[ParameterColumn, ...]:
@@ -159,16 +156,11 @@ def check_springs(
     """Refuse counterbalances that the recording cannot distinguish from weights and offsets.
 
     Args:
-        springs: By joint.
-        names: Of the joints.
         labels: Of the groups of parameters that the motion separates.
         values: Of those groups, in the unit of each, shape (B,). [-]
         covariance: Of the values, in products of their units, shape (B, B). [-]
         error: Relative torque error of each joint on held-out parts, shape (n,). [-]
         plain: The same without any counterbalance, shape (n,). [-]
-
-    Raises:
-        NotIdentifiableError: Naming the joint.
     """
     for joint, entry in springs.items():
         wanted = [f"{kind} {names[joint]}" for kind, _ in NAMES[entry.kind]]

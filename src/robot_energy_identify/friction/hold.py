@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model.figure import Figure
 from robot_energy.model.schema import Hold, RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
@@ -28,23 +30,20 @@ MIN_RESTS = 20  # of all joints
 PASSES = 5
 
 
-@dataclass(frozen=True)
-class HoldFit:
-    """What motors hold at rest, over the Coulomb torque.
+class HoldFit(Described):
+    """What motors hold at rest, over the Coulomb torque."""
 
-    Attributes:
-        kept: Share in the direction of the last motion, and its standard deviation. [-]
-        carried: Share by which friction carries the load, and its standard deviation. [-]
-        std: Standard deviation of the torque at one place. [-]
-        load_std: The same if motors held the load alone. [-]
-        rests: Number of equations.
-    """
-
-    kept: tuple[float, float]
-    carried: tuple[float, float]
-    std: float
-    load_std: float
-    rests: int
+    kept: Annotated[
+        tuple[float, float],
+        "Share in the direction of the last motion, and its standard deviation. [-]",
+    ]
+    carried: Annotated[
+        tuple[float, float],
+        "Share by which friction carries the load, and its standard deviation. [-]",
+    ]
+    std: Annotated[float, "Standard deviation of the torque at one place. [-]"]
+    load_std: Annotated[float, "The same if motors held the load alone. [-]"]
+    rests: Annotated[int, "Number of equations."]
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with these figures.

@@ -6,31 +6,25 @@ between the runs the gain must vanish; what remains then is chance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import get_args
+from dataclasses import replace
+from typing import Annotated, get_args
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
-from robot_energy.timeline.blocks import Float
 from robot_energy_identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import rms_of
 
 
-@dataclass(frozen=True)
-class Span:
-    """A range of motor temperatures.
+class Span(Described):
+    """A range of motor temperatures."""
 
-    Attributes:
-        low: Lower end. [degC]
-        high: Upper end. [degC]
-    """
-
-    low: float = -np.inf
-    high: float = np.inf
+    low: Annotated[float, "Lower end. [degC]"] = -np.inf
+    high: Annotated[float, "Upper end. [degC]"] = np.inf
 
     def __str__(self) -> str:
         if np.isinf(self.low):
@@ -40,56 +34,38 @@ class Span:
         return f"{self.low:g} to {self.high:g} degC"
 
 
-@dataclass(frozen=True)
-class FrictionStudyRow:
-    """One law, fitted at some temperatures and tested at others.
+class FrictionStudyRow(Described):
+    """One law, fitted at some temperatures and tested at others."""
 
-    Attributes:
-        law: Which law.
-        beyond: What holds outside its fitted range, as the key ``outside`` of a model file says.
-        rms: Of the torque error on the test samples, in the unit of the torque.
-        power_bias: Mean predicted friction power over mean measured one, less 1. [-]
-        coulomb: fc, in the unit of the torque.
-        viscous: The fitted law, as in a model file.
-    """
-
-    law: str
-    beyond: str
-    rms: float
-    power_bias: float
-    coulomb: float
-    viscous: LawEntry
+    law: Annotated[str, "Which law."]
+    beyond: Annotated[
+        str, "What holds outside its fitted range, as the key ``outside`` of a model file says."
+    ]
+    rms: Annotated[float, "Of the torque error on the test samples, in the unit of the torque."]
+    power_bias: Annotated[
+        float, "Mean predicted friction power over mean measured one, less 1. [-]"
+    ]
+    coulomb: Annotated[float, "fc, in the unit of the torque."]
+    viscous: Annotated[LawEntry, "The fitted law, as in a model file."]
 
 
-@dataclass(frozen=True)
-class Study:
-    """Laws tested on temperatures that they have not seen.
+class Study(Described):
+    """Laws tested on temperatures that they have not seen."""
 
-    Attributes:
-        train: Temperatures of the fit.
-        test: Temperatures of the test.
-        trained: Samples of the fit.
-        tested: Samples of the test.
-        rows: One per law and way to go beyond its range.
-        refused: Why the other laws could not be fitted, one sentence each.
-    """
-
-    train: Span
-    test: Span
-    trained: int
-    tested: int
-    rows: tuple[FrictionStudyRow, ...]
-    refused: tuple[str, ...] = ()
+    train: Annotated[Span, "Temperatures of the fit."]
+    test: Annotated[Span, "Temperatures of the test."]
+    trained: Annotated[int, "Samples of the fit."]
+    tested: Annotated[int, "Samples of the test."]
+    rows: Annotated[tuple[FrictionStudyRow, ...], "One per law and way to go beyond its range."]
+    refused: Annotated[
+        tuple[str, ...], "Why the other laws could not be fitted, one sentence each."
+    ] = ()
 
     def row(self, law: str, beyond: str = "hold") -> FrictionStudyRow:
         """Return one row.
 
         Args:
-            law: Its name.
             beyond: ``hold``, ``extend`` or ``auto``.
-
-        Raises:
-            NotIdentifiableError: If the law could not be fitted.
         """
         for row in self.rows:
             if (row.law, row.beyond) == (law, beyond):
@@ -123,28 +99,17 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
                 raise
             refused.append(f"{data.name}: no {name} law, because {error.found}")
             continue
-        rest = nuisance(fit, unseen)
+        coulomb, speed = float(fit.values[0]), unseen.motor_velocity
+        measured = unseen.friction_torque - nuisance(fit, unseen)
+        power = float(np.mean(measured * speed))
         for beyond in get_args(Outside) if FRICTION_LAWS[name].beyond_range else ("hold",):
             curve = viscous_law(law.model_copy(update={"outside": beyond}))
             viscous = curve.viscous(unseen.motor_temperature_degc)
-            torque = fit.values[0] * unseen.sign + viscous * unseen.motor_velocity
-            rows.append(_row(beyond, torque, unseen, rest, float(fit.values[0]), law))
+            torque = coulomb * unseen.sign + viscous * speed
+            bias = float(np.mean(torque * speed)) / power - 1.0
+            error = rms_of(torque - measured)
+            rows.append(FrictionStudyRow(name, beyond, error, bias, coulomb, law))
     return Study(train, test, len(fitted), len(unseen), tuple(rows), tuple(refused))
-
-
-def _row(
-    beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float, law: LawEntry
-) -> FrictionStudyRow:
-    measured = unseen.friction_torque - rest
-    power = float(np.mean(measured * unseen.motor_velocity))
-    return FrictionStudyRow(
-        law.law,
-        beyond,
-        rms_of(torque - measured),
-        float(np.mean(torque * unseen.motor_velocity)) / power - 1.0,
-        coulomb,
-        law,
-    )
 
 
 def shuffled(data: FrictionData, seed: int) -> FrictionData:

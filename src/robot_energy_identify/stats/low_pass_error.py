@@ -25,11 +25,7 @@ MAX_STEP = 0.1  # between samples of one stretch [s]
 
 
 class LowPassTorqueError:
-    """Sums of squares over recordings, from blocks of samples.
-
-    Attributes:
-        filters: Cut-off frequency and standstill.
-    """
+    """Sums of squares over recordings, from blocks of samples."""
 
     def __init__(self, model: RobotModel) -> None:
         self.filters = Filters()
@@ -40,11 +36,7 @@ class LowPassTorqueError:
         self._values = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
 
     def step(self, block: PowerBlock) -> None:
-        """Take power samples.
-
-        Args:
-            block: In the order of time.
-        """
+        """Take power samples."""
         sound = (block.quality & np.uint32(DOUBTFUL)) == 0
         torque = np.stack([block.motor_torque, block.motor_torque_measured], axis=1)
         kept = sound & np.isfinite(torque).all(axis=(1, 2))
@@ -58,19 +50,16 @@ class LowPassTorqueError:
         cuts = np.flatnonzero(np.diff(self._stamp_ns) > MAX_STEP / NANOSECOND) + 1
         for cut in np.diff(cuts, prepend=0).tolist():
             self._take(cut)
-        if len(self._stamp_ns) and self._length() >= PIECE:
-            self._take(len(self._stamp_ns))
+        stamp = self._stamp_ns
+        if len(stamp) and (stamp[-1] - stamp[0]) * NANOSECOND >= PIECE:
+            self.finish()
 
     def finish(self) -> None:
-        """Take what waits: the recording has ended."""
+        """Take what waits, as at the end of a recording."""
         self._take(len(self._stamp_ns))
 
     def add(self, other: LowPassTorqueError) -> None:
-        """Take all samples of another recording, which has ended.
-
-        Args:
-            other: Of the same joints.
-        """
+        """Take all samples of another recording, which has ended."""
         self._squares += other._squares
 
     @property
@@ -82,9 +71,6 @@ class LowPassTorqueError:
     def relative_of_all(self) -> float:
         """Of all joints together. [-]"""
         return float(_ratio(*self._squares.sum(axis=1)))
-
-    def _length(self) -> float:
-        return float(self._stamp_ns[-1] - self._stamp_ns[0]) * NANOSECOND
 
     def _take(self, count: int) -> None:
         """Add the first rows that wait, and forget them."""

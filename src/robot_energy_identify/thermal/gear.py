@@ -13,12 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.condition.thermal_state import GEAR_START_SHARE, GEAR_START_STD, WINDOW
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.joint import JointGear
@@ -78,27 +80,23 @@ class GearRun:
         return replace(self, triangles=np.where(rows[:, None, None], 0.0, self.triangles))
 
 
-@dataclass(frozen=True)
-class GearFit:
-    """Temperature of one gear.
+class GearFit(Described):
+    """Temperature of one gear."""
 
-    Attributes:
-        name: Of the joint.
-        gear: As in a model file.
-        error: Of the friction work per minute that the fit has not seen, share of it (RMS). [-]
-        motor_error: The same where friction follows the motor temperature. [-]
-        time_constant: C / (G_m + G_a), with its standard deviation. [s]
-        rise: Of the gear by the mean friction power of the recordings, with its deviation. [K]
-        hours: Of the recordings. [h]
-    """
-
-    name: str
-    gear: JointGear
-    error: float
-    motor_error: float
-    time_constant: tuple[float, float]
-    rise: tuple[float, float]
-    hours: float
+    name: Annotated[str, "Of the joint."]
+    gear: Annotated[JointGear, "As in a model file."]
+    error: Annotated[
+        float, "Of the friction work per minute that the fit has not seen, share of it (RMS). [-]"
+    ]
+    motor_error: Annotated[float, "The same where friction follows the motor temperature. [-]"]
+    time_constant: Annotated[
+        tuple[float, float], "C / (G_m + G_a), with its standard deviation. [s]"
+    ]
+    rise: Annotated[
+        tuple[float, float],
+        "Of the gear by the mean friction power of the recordings, with its deviation. [K]",
+    ]
+    hours: Annotated[float, "Of the recordings. [h]"]
 
 
 @dataclass(frozen=True)
@@ -149,25 +147,19 @@ class _Axis:
             found.append(lagged(target, float(time), degc[:1] + start))
         return found
 
-    def residual(
-        self, degc: Sequence[Float], scale: float, linear: Float | None = None,
-        runs: Sequence[GearRun] | None = None,
-    ) -> tuple[Float, Float]:  # fmt: skip
-        """Linear figures, fitted if not given, and what they leave of every triangle's rows."""
-        used = self.runs if runs is None else runs
+    def residual(self, degc: Sequence[Float], scale: float) -> tuple[Float, Float]:
+        """Linear figures, and what they leave of every triangle's rows."""
         parts: list[Float] = []
-        for run, own in zip(used, degc, strict=True):
+        for run, own in zip(self.runs, degc, strict=True):
             decay = np.exp(-(own - self.middle) / scale)[:, None, None]
             columns = run.triangles[:, :, :3]
             both = np.concatenate([columns, columns[:, :, 1:2] * decay], axis=2)
             parts.append(both.reshape(-1, 4))
         table = np.concatenate(parts)
-        target = np.concatenate([run.triangles[:, :, 3].reshape(-1) for run in used])
-        if linear is None:
-            linear = np.linalg.lstsq(table, target, rcond=None)[0]
-            if linear[3] < 0.0:  # friction does not rise with the temperature
-                fewer = np.linalg.lstsq(table[:, :3], target, rcond=None)[0]
-                linear = np.append(fewer, 0.0)
+        target = np.concatenate([run.triangles[:, :, 3].reshape(-1) for run in self.runs])
+        linear = np.linalg.lstsq(table, target, rcond=None)[0]
+        if linear[3] < 0.0:  # friction does not rise with the temperature
+            linear = np.append(np.linalg.lstsq(table[:, :3], target, rcond=None)[0], 0.0)
         return linear, target - table @ linear
 
     def work(self, run: GearRun, degc: Float, scale: float, linear: Float) -> tuple[Float, Float]:
@@ -253,14 +245,13 @@ def fit_gear(
     Args:
         data: Samples of the axis in all recordings, motor side, in N m.
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
 
     Raises:
         NotIdentifiableError: If no recording shows a warm-up, or friction that follows the motor
             temperature predicts as well what the fit has not seen.
     """
     runs = gear_runs(data)
-    if not any(map(_is_warm_up, runs)):
+    if not any(run.moving >= MIN_WINDOWS and run.rise >= MIN_RISE for run in runs):
         raise NotIdentifiableError(
             f"{data.name}: no recording shows its gear warming up",
             f"{MIN_WINDOWS * WINDOW / 60.0:.0f} min of work in which its motor warms by "
@@ -279,7 +270,7 @@ def fit_gear(
     axis = _Axis(runs, ambient_degc)
     found = axis.fit()
     followed = np.full(len(data), np.nan)
-    numbers = [n for n in np.unique(data.run) if _is_known(data, n)]
+    numbers = np.unique(data.run[np.isfinite(data.motor_temperature_degc)])
     for number, run, own in zip(numbers, runs, axis.degc(found.values, found.starts), strict=True):
         followed[data.run == number] = own[run.window]
     followed[np.isnan(data.motor_temperature_degc)] = np.nan
@@ -296,14 +287,6 @@ def fit_gear(
     )
     # Weights would prefer the many calm samples of a long recording, and miss the work.
     return fit, replace(data, motor_temperature_degc=followed, method="ols")
-
-
-def _is_warm_up(run: GearRun) -> bool:
-    return run.moving >= MIN_WINDOWS and run.rise >= MIN_RISE
-
-
-def _is_known(data: FrictionData, number: int) -> bool:
-    return bool(np.isfinite(data.motor_temperature_degc[data.run == number]).any())
 
 
 def _held_out(runs: Sequence[GearRun], ambient: float) -> tuple[float, float]:
@@ -365,35 +348,25 @@ def _entry(axis: _Axis, found: _Figures, source: str) -> JointGear:
     )
 
 
-@dataclass(frozen=True)
-class GearsFound:
-    """Temperatures of gears.
+class GearsFound(Described):
+    """Temperatures of gears."""
 
-    Attributes:
-        ambient_degc: Temperature of the air that was taken; None without any. [degC]
-        fits: One per gear that was found.
-        refused: Why the others were not, one sentence each.
-    """
-
-    ambient_degc: float | None = None
-    fits: tuple[GearFit, ...] = ()
-    refused: tuple[str, ...] = ()
+    ambient_degc: Annotated[
+        float | None, "Temperature of the air that was taken; None without any. [degC]"
+    ] = None
+    fits: Annotated[tuple[GearFit, ...], "One per gear that was found."] = ()
+    refused: Annotated[tuple[str, ...], "Why the others were not, one sentence each."] = ()
 
     def write(self, model: RobotModel, names: Sequence[str]) -> RobotModel:
         """Return a model in which the friction of some joints follows their gears.
 
         Args:
-            model: Any model of the same robot.
             names: Joints whose friction was identified: those without a fit follow their motors.
         """
         found = {fit.name: fit.gear for fit in self.fits}
-        joints = [
-            joint.model_copy(update={"gear": found.get(joint.name)})
-            if joint.name in names and (joint.gear is not None or joint.name in found)
-            else joint
-            for joint in model.joints
-        ]
-        model = model.changed(joints=joints)
+        before = [joint.name for joint in model.joints if joint.gear is not None]
+        changed = {name: found.get(name) for name in names if name in found or name in before}
+        model = model.with_joints("gear", changed)
         return with_ambient(model, self.ambient_degc) if self.fits else model
 
 
@@ -404,7 +377,6 @@ def fit_gears(
 
     Args:
         ambient_degc: Of the air; None: the coldest reading of all motors. [degC]
-        source: Where the data come from, for the model file.
     """
     used, fits, refused = list(axes), list[GearFit](), list[str]()
     warm = [

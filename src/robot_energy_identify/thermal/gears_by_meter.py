@@ -124,7 +124,6 @@ def gears_by_meter(
 
     Args:
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
     """
     model = recordings[0].model
     follows = np.array(

@@ -63,9 +63,7 @@ class ThermalRun:
 
 def without_networks(model: RobotModel) -> RobotModel:
     """Return a model that estimates no temperature, so that readings alone are seen."""
-    return model.changed(
-        joints=[joint.model_copy(update={"thermal": None}) for joint in model.joints]
-    )
+    return model.with_joints("thermal", dict.fromkeys(model.joint_names))
 
 
 def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[ThermalRun]:
@@ -73,7 +71,6 @@ def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[Ther
 
     Args:
         recordings: Run with a model without thermal networks.
-        joint: Index of the joint in model order.
     """
     runs: list[ThermalRun] = []
     for recording in recordings:
@@ -88,11 +85,7 @@ def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[Ther
 
 
 def runs_of_log(blocks: Sequence[LogBlock], joint: int) -> list[ThermalRun]:
-    """Return the runs of one motor in a log with currents and temperatures.
-
-    Raises:
-        LogFormatError: If the log has no effort, or no temperature.
-    """
+    """Return the runs of one motor in a log with currents and temperatures."""
     rows = blocks[0].concatenate(blocks)
     heat = rows.effort[:, joint] ** 2
     degc = rows.motor_temperature_degc[:, joint]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from struct import pack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,12 +21,9 @@ from robot_energy.bag.cdr.schema import (
     leaf_paths,
     tree,
 )
-from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.bag.cdr.types import typestore
 from robot_energy.bag.cdr.walk import HEADER_SIZE, walk
 from robot_energy.foundation.errors import MessageTypeError, ShapeError
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
 
 _FITTING = {"f": "fiub", "i": "iub", "u": "iub"}
 """Kinds of numpy array that may be written to a field of each kind."""
@@ -40,7 +37,6 @@ class Encoder:
             empty), tuple of str for a string sequence or for the string of each element of an
             array of messages (which also fixes the length), number or tuple of numbers for a
             numeric field.
-        typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
 
     Attributes:
         fields: Paths of the numeric fields that ``encode`` needs.
@@ -51,12 +47,11 @@ class Encoder:
         msgtype: str,
         constants: Mapping[str, Any] | None = None,
         lengths: Mapping[str, int] | None = None,
-        typestore: Typestore | None = None,
     ) -> None:
         self.msgtype = msgtype
         self._constants = dict(constants or {})
         self._lengths = dict(lengths or {})
-        schema = compile_schema(msgtype, default_typestore() if typestore is None else typestore)
+        schema = compile_schema(msgtype, typestore())
         paths = leaf_paths(schema)
         for path in self._constants:
             leaf(schema, path, msgtype)
@@ -102,14 +97,16 @@ class Encoder:
         rows = np.empty((n, self.size), dtype=np.uint8)
         rows[:] = self._template
         for path, plan in self._plans.items():
-            self._write(path, plan, rows, np.asarray(columns[path]))
+            values = np.asarray(columns[path])
+            if n and isinstance(plan, View) and values.dtype == plan.native:
+                shape, strides = (n, *plan.shape), (self.size, *plan.strides)
+                if values.shape in ((), shape):  # as nearly always
+                    np.ndarray(shape, plan.dtype, rows, plan.offset, strides)[...] = values
+                    continue
+            self._write(path, plan, rows, values)
         return rows
 
     def _write(self, path: str, plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
-        if isinstance(plan, View) and values.dtype == plan.native:
-            if not values.ndim or values.shape == (len(rows), *plan.shape):
-                plan.of(rows)[...] = values
-                return
         shape = plan_shape(plan)
         if values.ndim and (shape is None or values.shape != (len(rows), *shape)):
             expected = "one number" if shape is None else f"{(len(rows), *shape)} or one number"

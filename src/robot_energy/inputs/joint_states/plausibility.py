@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.inputs.joint_states.decode import Mask
-from robot_energy.inputs.joint_states.jumps import shortest
+from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.inputs.parameters import POSITIONS
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
@@ -121,7 +121,12 @@ class Plausibility:
         Args:
             block: Samples; those concerned get ``JOINT_STATE_IMPLAUSIBLE``.
         """
-        self._check_limits(block)
+        beyond = (block.joint_position > self._high) | (block.joint_position < self._low)
+        beyond |= np.abs(block.joint_velocity) > self._fastest
+        if bool(beyond.any()):
+            rows = np.logical_or.reduce(beyond, axis=1)
+            mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
+            self._note_beyond(block, rows)
         self._check_zeros(block)
         self._check_velocities(block)
 
@@ -141,18 +146,6 @@ class Plausibility:
         if self._astray.first_ns is not None:
             found += self._astray.finding(self._ratio_sentence())
         return found
-
-    def _check_limits(self, block: JointBlock) -> None:
-        if self._limits is None:
-            return
-        position, velocity = block.joint_position, block.joint_velocity
-        beyond = (position > self._high) | (position < self._low)
-        beyond |= np.abs(velocity) > self._fastest
-        if not bool(beyond.any()):
-            return
-        rows = np.logical_or.reduce(beyond, axis=1)
-        mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
-        self._note_beyond(block, rows)
 
     def _note_beyond(self, block: JointBlock, rows: NDArray[np.bool_]) -> None:
         self._beyond.note(block.stamp_ns[rows])
@@ -186,9 +179,9 @@ class Plausibility:
     def _check_velocities(self, block: JointBlock) -> None:
         """Compare velocity with the slope of the position, four times a second."""
         before, last = self._last, len(block) - 1
-        known = int(block.stamp_ns[0]) if before is None else before[0]
-        rows = _crossings(block, known // EVERY_NS)
         stamp, segment = block.stamp_ns, block.segment
+        known = int(stamp[0]) if before is None else before[0]
+        rows = np.flatnonzero(differences(stamp // EVERY_NS, known // EVERY_NS))
         position, velocity = block.joint_position, block.joint_velocity
         self._last = (int(stamp[last]), int(segment[last]), position[last], velocity[last])
         if not len(rows):
@@ -282,18 +275,6 @@ class Plausibility:
         return f"the velocity of {name} is {ratio:.3g} times the change of its positions{looks}"
 
 
-def _crossings(block: JointBlock, before: int) -> Int:
-    """First samples of each quarter of a second; ``before`` is that of the sample before."""
-    stamp = block.stamp_ns
-    last = int(stamp[-1]) // EVERY_NS
-    rises = block.segment[0] == block.segment[-1] and int(stamp[0]) // EVERY_NS >= before
-    if rises and last - before < len(stamp):  # much quicker than dividing every stamp
-        borders = np.arange(before + 1, last + 1) * EVERY_NS
-        rows = np.searchsorted(stamp, borders, side="left")
-        return rows[differences(rows, -1) > 0] if len(rows) else rows
-    return np.flatnonzero(differences(stamp // EVERY_NS, before))
-
-
 class VelocityCheck:
     """Refuses messages with a velocity beyond the robot that their positions do not support.
 
@@ -336,20 +317,23 @@ class VelocityCheck:
         """Return the messages that can be used, with the one that waited before, or None."""
         if self._fastest is None:
             return block
-        fast = np.abs(block.joint_velocity) > self._fastest
-        if self.held is None and not bool(fast.any()):
-            self._remember(block)
-            return block
         if self.held is not None:
             block, self.held = JointBlock.concatenate([self.held, block]), None
-            fast = np.abs(block.joint_velocity) > self._fastest
-        first = bool((self._stamp < 0).all()) and bool(fast[0].any())
-        if first and len(block) == 1:
-            self.held = block
-            return None
-        bad = np.logical_or.reduce(fast & ~self._supported(block, first), axis=1)
-        self._remember(block)
-        if not bool(bad.any()):
+        fast = np.abs(block.joint_velocity) > self._fastest
+        bad: Mask | None = None
+        if bool(fast.any()):
+            first = bool((self._stamp < 0).all()) and bool(fast[0].any())
+            if first and len(block) == 1:
+                self.held = block
+                return None
+            bad = np.logical_or.reduce(fast & ~self._supported(block, first), axis=1)
+        last = block.joint_position[-1]
+        if not bool(np.isnan(last).any()):
+            self._stamp[:] = block.stamp_ns[-1]
+            self._position = last.copy()
+        else:
+            self._remember_parts(block)
+        if bad is None or not bool(bad.any()):
             return block
         self._refuse(block[bad])
         return None if bool(bad.all()) else block[~bad]
@@ -381,13 +365,8 @@ class VelocityCheck:
         enough = MIN_SUPPORT * np.abs(block.joint_velocity) * (elapsed * NANOSECOND)
         return (elapsed > 0) & (np.abs(step) >= enough)
 
-    def _remember(self, block: JointBlock) -> None:
-        """Keep the newest position of each joint."""
-        last = block.joint_position[-1]
-        if not bool(np.isnan(last).any()):
-            self._stamp[:] = block.stamp_ns[-1]
-            self._position = last.copy()
-            return
+    def _remember_parts(self, block: JointBlock) -> None:
+        """Keep the newest position of each joint, where no message has all."""
         for joint in range(len(self._stamp)):
             rows = np.flatnonzero(~np.isnan(block.joint_position[:, joint]))
             if len(rows):
