@@ -330,7 +330,7 @@ class PowerStage:
             coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
             quality |= np.uint32(Quality.LEARNED)
         torque = rigid + friction
-        direction = self._hold.follow(speed)
+        direction = self._hold.follow(block.stamp_ns, speed)
         wound, held_std = torque, None
         if standing.any():
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)

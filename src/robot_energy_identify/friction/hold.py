@@ -1,7 +1,8 @@
 """What motors hold at rest in addition to the load, from measured torque (`physics.hold_torque`).
 
-Each rest of a joint gives one equation, ``(tau - tau_r) / fc = kept d - carried c + e`` with
-``c = sgn(tau_r) min(1, |tau_r| / fc)`` and the direction d of the motion before. The errors e of
+Each rest of a joint gives one equation, ``(tau - tau_r) / fs = kept d - carried c + e`` with
+``c = sgn(tau_r) min(1, |tau_r| / fs)``, the Coulomb torque fs under the load and the direction d of
+the motion before. The errors e of
 the bodies differ by joint, so joints are weighted by what they leave. Both stay 0 unless they
 predict rests that the fit has not seen better than the load alone.
 """
@@ -15,8 +16,7 @@ import numpy as np
 
 from robot_energy.model.figure import Figure
 from robot_energy.model.schema import Hold, RobotModel
-from robot_energy.physics.drivetrain import motor_standstill
-from robot_energy.physics.hold_torque import MOVING, HoldTorque, last_direction
+from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.data.rest import still_joints
@@ -124,23 +124,21 @@ def _weights(rests: _Rests, left: Float) -> Float:
 
 
 def _rests(recordings: Sequence[Recording], model: RobotModel) -> _Rests:
-    coulomb, moving = HoldTorque(model).coulomb, MOVING * motor_standstill(model)
     parts: list[tuple[int, float, float, float]] = []
     for recording in recordings:
-        block = recording.torque
+        hold, block = HoldTorque(model), recording.torque
         measured, rigid = block.motor_torque_measured, block.motor_torque_rigid
         stands = still_joints(recording)
-        direction = last_direction(block.motor_velocity, moving, np.zeros(len(coulomb)))
-        for joint, torque in enumerate(coulomb.tolist()):
-            if not torque > 0.0:
-                continue
+        coulomb = np.broadcast_to(hold.coulomb(rigid), rigid.shape)
+        direction = hold.last_motion.follow(block.stamp_ns, block.motor_velocity)
+        for joint in range(rigid.shape[1]):
             usable = np.isfinite(measured[:, joint] + rigid[:, joint]) & recording.sound
             for first, last in _stretches(stands[:, joint]):
                 begin = int(block.stamp_ns[first]) + round(SETTLED / NANOSECOND)
                 rows = slice(int(np.searchsorted(block.stamp_ns[:last], begin)), last)
                 span = (int(block.stamp_ns[last - 1]) - begin) * NANOSECOND
-                moved = float(direction[first, joint])
-                if not moved or span < SHORTEST or not usable[rows].all():
+                moved, torque = float(direction[first, joint]), float(coulomb[last - 1, joint])
+                if not moved or not torque > 0.0 or span < SHORTEST or not usable[rows].all():
                     continue
                 load = float(rigid[rows, joint].mean()) / torque
                 excess = float((measured[rows, joint] - rigid[rows, joint]).mean()) / torque
