@@ -130,6 +130,7 @@ class Hold(ModelEntry):
 
     kept: Figure
     carried: Figure
+    static: tuple[Annotated[float, Field(ge=0)], ...] = ()
     std: Annotated[float, Field(ge=0)]
 
     @model_validator(mode="after")

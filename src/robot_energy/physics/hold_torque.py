@@ -47,8 +47,9 @@ class HoldTorque:
     """
 
     def __init__(self, model: RobotModel, effort: EffortMeaning = EffortMeaning.NONE) -> None:
-        self.coulomb = FrictionModel.from_model(model).loaded_coulomb
         entry = model.hold
+        self._friction = FrictionModel.from_model(model)
+        self._static = np.asarray(entry.static) if entry is not None and entry.static else None
         self.kept = 0.0 if entry is None else entry.kept.value
         self.carried = 0.0 if entry is None else entry.carried.value
         self._std = UNKNOWN if entry is None else entry.std
@@ -77,8 +78,8 @@ class HoldTorque:
             motor_torque_rigid: Shape (N, n). [N m]
             direction: Of the last motion, -1, 0 or 1, same shape. [-]
         """
-        coulomb = self.coulomb(motor_torque_rigid)
-        return self._less_carried(motor_torque_rigid) + self.kept * coulomb * direction
+        static = self.static(motor_torque_rigid)
+        return self._less_carried(motor_torque_rigid) + self.kept * static * direction
 
     def typical(self, motor_torque_rigid: Float) -> Float:
         """Return the torque of which the square is the mean over both directions of arrival.
@@ -88,8 +89,8 @@ class HoldTorque:
         Args:
             motor_torque_rigid: Shape (N, n). [N m]
         """
-        coulomb = self.coulomb(motor_torque_rigid)
-        return np.hypot(self._less_carried(motor_torque_rigid), self.kept * coulomb)
+        static = self.static(motor_torque_rigid)
+        return np.hypot(self._less_carried(motor_torque_rigid), self.kept * static)
 
     def in_winding(
         self, motor_torque: Float, motor_torque_measured: Float, standing: NDArray[np.bool_]
@@ -122,17 +123,26 @@ class HoldTorque:
         high, _ = drive.input_power(none, none, most, motor_temperature_degc)
         return high - low
 
+    def static(self, motor_torque: Float) -> Float:
+        """Return the static friction: the Coulomb torque under the load by its share. [N m]
+
+        Args:
+            motor_torque: The load, shape (N, n). [N m]
+        """
+        coulomb = self._friction.loaded_coulomb(motor_torque)
+        return coulomb if self._static is None else self._static * coulomb
+
     def std(self, motor_torque: Float) -> Float:
         """Return the standard deviation of the torque at rest, shape (N, n) or (n,). [N m]
 
         Args:
             motor_torque: About which, shape (N, n). [N m]
         """
-        return self._std * self.coulomb(motor_torque)
+        return self._std * self.static(motor_torque)
 
     def _less_carried(self, rigid: Float) -> Float:
         share = self.carried * np.sign(rigid)
-        return rigid - share * np.minimum(self.coulomb(rigid), np.abs(rigid))
+        return rigid - share * np.minimum(self.static(rigid), np.abs(rigid))
 
 
 class LastMotion:
