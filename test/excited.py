@@ -41,7 +41,9 @@ def monitor_torque(model: RobotModel, motion: Trajectory, temperature_degc: floa
     temperature = np.full_like(speed, temperature_degc)
     coulomb = np.broadcast_to(friction.coulomb, speed.shape)
     standing = np.zeros(speed.shape, dtype=np.bool_)
-    return rigid + friction.torque(speed, rigid, coulomb, friction.viscous(temperature), standing)
+    return rigid + friction.torque(
+        speed, coulomb, friction.viscous(temperature), motor_torque_rigid=rigid, standing=standing
+    )
 
 
 def recorded(

@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -102,7 +104,7 @@ def test_a_defect_in_one_path_leaves_the_others_and_is_counted_once(bench, messa
     publishers = {topic: bench.publisher(kind, topic) for topic, kind in TOPICS.items()}
     feed(bench, node, publishers, messages, 0)
     place, hit = PATHS[path]
-    before = {topic: account(node, topic).copy() for topic in TOPICS}
+    before = {topic: deepcopy(account(node, topic)) for topic in TOPICS}
     defect = Defect(*place(node))
     feed(bench, node, publishers, messages, 1)
     bench.spin_until(lambda: defect.calls, "a failure")

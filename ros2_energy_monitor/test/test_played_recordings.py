@@ -22,7 +22,7 @@ from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag import BagReader
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.messages.fields import RECORDING
 from robot_energy.model import load
 from robot_energy.store.account_store import load_account

@@ -31,7 +31,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.errors import (
     BagError,
     MessageTypeError,

@@ -35,12 +35,9 @@ from ros2_energy_msgs.srv import (
 )
 from sensor_msgs.msg import JointState
 
-from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import StateFileError
-from robot_energy.model import load
 from robot_energy.store import slot_store
-from robot_energy.store.account_store import load_account
 from robot_energy.store.envelope import unwrap
 from ros2_energy_monitor.base import checkpoints
 from ros2_energy_monitor.base.parameters import folder_of
@@ -509,17 +506,6 @@ def test_namespaces_have_registers_of_their_own(bench, messages, tmp_path):
     assert all(node.checkpoints.now() for node in nodes)
     assert len(list(tmp_path.glob("cell1-*.state"))) == 1
     assert len(list(tmp_path.glob("cell2-*.state"))) == 1
-
-
-def test_files_of_an_earlier_release_are_adopted_with_a_word(bench, messages, tmp_path):
-    account = EnergyAccount(6)
-    model = load("kr16")
-    books = load_account(account, model, tmp_path)
-    books.open()
-    assert books.close()
-    start(bench, tmp_path)
-    status = Observer(bench).diagnosed("earlier release")
-    assert status.level == DiagnosticStatus.OK
 
 
 def test_kills_while_services_are_called_and_the_clock_steps(child_environment):

@@ -66,13 +66,13 @@ if TYPE_CHECKING:
     from robot_energy_identify.api.evaluate import evaluate
     from robot_energy_identify.api.identify import (
         IdentificationResult,
+        identify_all,
         identify_auxiliary,
         identify_cabinet,
         identify_dynamics,
         identify_friction,
         identify_thermal,
     )
-    from robot_energy_identify.api.identify_all import identify_all
     from robot_energy_identify.results.evaluation import EvaluationReport
     from robot_energy_identify.stats.systematic import SensorLimits
     from robot_energy_plan.api.optimize import OptimizationResult, optimize
@@ -116,10 +116,9 @@ _NAMES = {
     "robot_energy_history.savings": ("EnergySavings", "history_savings"),
     "robot_energy_identify.api.evaluate": ("evaluate",),
     "robot_energy_identify.api.identify": (
-        "IdentificationResult", "identify_auxiliary", "identify_cabinet", "identify_dynamics",
-        "identify_friction", "identify_thermal",
+        "IdentificationResult", "identify_all", "identify_auxiliary", "identify_cabinet",
+        "identify_dynamics", "identify_friction", "identify_thermal",
     ),
-    "robot_energy_identify.api.identify_all": ("identify_all",),
     "robot_energy_identify.results.evaluation": ("EvaluationReport",),
     "robot_energy_identify.stats.systematic": ("SensorLimits",),
     "robot_energy_plan.api.optimize": ("OptimizationResult", "optimize"),

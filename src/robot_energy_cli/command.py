@@ -149,7 +149,7 @@ def _flag(name: str, option: Option) -> tuple[str, tuple[str, dict[str, Any]]]:
     if option.default is not None and option.default is not False:
         words["default"] = option.default
     value = option.value or (COUNT if option.unit == "1" else option.unit.upper())
-    return f"--{name.replace('_', '-')} {value}".rstrip(), (option.text, words)
+    return f"--{name.replace('_', '-')} {value}".rstrip(), (option.help, words)
 
 
 def keywords_of(verb: Callable[..., object], args: Namespace) -> dict[str, Any]:

@@ -51,7 +51,7 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_identify.api.identify_all import identify_all
+    from robot_energy_identify.api.identify import identify_all
     from robot_energy_report.document import Document
     from robot_energy_report.identify_all import identification_document, identification_lead
 

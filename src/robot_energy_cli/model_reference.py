@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from typing import Any, cast
 
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
+from robot_energy.foundation.described import section_of, texts_of
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.schema import SCHEMA_VERSION, RobotModel
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_ENTRY = re.compile(r"^(\w+): (.*)$")
 _FIGURE = ("Figure", "PositiveFigure")
 _OPENING = """\
 # Reference of the model file
@@ -30,18 +31,26 @@ def json_schema() -> dict[str, Any]:
 
     Kinds that the user registered are in it.
     """
-    schema = RobotModel.model_json_schema()
-    for entry in (schema, *schema["$defs"].values()):
-        head, keys = _sections(entry.get("description", ""))
-        entry["description"] = head
-        for key, field in entry.get("properties", {}).items():
+    schema = RobotModel.model_json_schema(schema_generator=_Generator)
+    schema["properties"]["drive"]["enum"] = list(DRIVE_MODELS)
+    return {"$schema": _DIALECT, **schema, "title": f"Model file, version {SCHEMA_VERSION}"}
+
+
+class _Generator(GenerateJsonSchema):
+    """Schema of models with the words of their annotations."""
+
+    def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
+        found, kind = super().model_schema(schema), schema["cls"]
+        prose = (kind.__doc__ or "").removesuffix(section_of(kind))
+        found["description"] = " ".join(prose.split())
+        texts = {name: text for base in reversed(kind.__mro__) for name, text in texts_of(base)}
+        for key, field in found.get("properties", {}).items():
             field.pop("title", None)
             if "gt" in field:  # as pydantic writes a bound behind a validator of its own
                 field["exclusiveMinimum"] = field.pop("gt")
-            if key in keys:
-                field["description"] = keys[key]
-    schema["properties"]["drive"]["enum"] = list(DRIVE_MODELS)
-    return {"$schema": _DIALECT, **schema, "title": f"Model file, version {SCHEMA_VERSION}"}
+            if key in texts:
+                field["description"] = texts[key]
+        return found
 
 
 def reference_page() -> str:
@@ -86,6 +95,7 @@ def _titles() -> dict[str, str]:
         "Coupling": "`coupling`",
         "Cabinet": "`cabinet`",
         "Capacitor": "`capacitor` of the cabinet",
+        "CabinetFan": "`fan` of the cabinet",
         "TemperatureSettings": "`temperature`",
         "Provenance": "`provenance`",
         "Figure": "A figure",
@@ -96,21 +106,6 @@ def _titles() -> dict[str, str]:
         if drive.entry is not None:
             titles[drive.entry.__name__] = f"`{drive.key}` of a joint, for `drive: {drive.name}`"
     return titles
-
-
-def _sections(docstring: str) -> tuple[str, dict[str, str]]:
-    """Split a docstring into its prose and the text of each attribute."""
-    prose, _, listed = inspect.cleandoc(docstring).partition("\nAttributes:\n")
-    keys: dict[str, str] = {}
-    name = ""
-    for line in inspect.cleandoc(listed).splitlines():
-        found = _ENTRY.match(line)
-        if found:
-            name = found.group(1)
-            keys[name] = found.group(2)
-        elif name and line.startswith(" "):
-            keys[name] += f" {line.strip()}"
-    return " ".join(prose.split()), keys
 
 
 def _reached(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:

@@ -7,13 +7,12 @@ from typing import Any
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.options import options_of
+from robot_energy.inputs.options import SETTINGS, TOPICS
 from robot_energy.replay.options import (
     OUTPUTS,
     PART,
     PERIOD,
     ROBOT,
-    SETTINGS,
-    TOPICS,
     ReplayOptions,
 )
 from robot_energy_cli.command import Options, add_option, add_options, flags

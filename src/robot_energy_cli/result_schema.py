@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import re
 from collections.abc import Iterable
@@ -16,9 +15,9 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
+from robot_energy.foundation.described import texts_of
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.regular_file import read_regular
-from robot_energy.foundation.options import texts_of
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
 from robot_energy.results.base import SCHEMA_VERSION, Result
@@ -136,14 +135,7 @@ class _Generator(GenerateJsonSchema):
 
     def dataclass_schema(self, schema: core_schema.DataclassSchema) -> JsonSchemaValue:
         kind = cast("Any", schema["cls"])
-        described: dict[str, str] = {}
-        for base in reversed(kind.__mro__):
-            if texts := dict(texts_of(base)):
-                described |= texts
-                continue
-            block = inspect.cleandoc(base.__doc__ or "").partition("Attributes:\n")[2]
-            words = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", block, re.MULTILINE)
-            described |= {name: " ".join(lines.split()) for name, lines in words}
+        described = {n: text for base in reversed(kind.__mro__) for n, text in texts_of(base)}
         shown_fields = {entry.name for entry in fields(kind) if entry.repr}
         arguments = cast("core_schema.DataclassArgsSchema", schema["schema"])
         properties = {

@@ -132,7 +132,7 @@ def check_bag(
     path: str, overwrite: bool, inputs: Iterable[str | None] = (), files: Iterable[str | None] = ()
 ) -> None:
     """Refuse the folder of a new bag before the work that it is for."""
-    from robot_energy.bag.ownership import foreign_entries
+    from robot_energy.bag.metadata import foreign_entries
 
     known = [name for name in inputs if name]
     check_folder(path, foreign_entries, overwrite, known, BagError)

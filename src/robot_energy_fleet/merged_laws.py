@@ -153,9 +153,6 @@ def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
 
     Returns:
         The law, and fc with its coefficients.
-
-    Raises:
-        NotIdentifiableError: If the motion does not determine its parameters.
     """
     span = float(np.ptp(merged.bags.degc))
     if span < MIN_RANGE:
@@ -215,9 +212,6 @@ def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
 
     Returns:
         The law, and fc with its coefficients.
-
-    Raises:
-        NotIdentifiableError: If the motion does not determine its parameters.
     """
     seen = merged.whole[VISCOUS, VISCOUS].sum(axis=1)
     kept = np.flatnonzero(seen >= MIN_SHARE * seen.sum())

@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from robot_energy.foundation.options import Option, documented
+from robot_energy.foundation.described import documented
+from robot_energy.foundation.options import Option
 from robot_energy.replay.options import ReadOptions, ReplayOptions
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ class AdviseOptions(ReplayOptions, total=False):
     rest_states: Annotated["str | Path | Sequence[RestState] | None", Option(
         "power of standby and hibernation of this robot (default: assumed figures)",
         value="FILE")]
-    look_at_speeds: Annotated[bool,
-        "Whether other speeds are looked for, which takes longest (default)."]
+    look_at_speeds: Annotated[bool, Option(
+        "whether other speeds are looked for, which takes longest", default=True)]
     hours_per_day: Annotated[float | None, Option(
         "hours a day of such work, all robots together (default: as recorded, where the "
         "recordings span a day)", unit="h", low=0.0, high=1e6, group=YEAR)]

@@ -52,14 +52,8 @@ def has_bag(connection: sqlite3.Connection, name: str) -> bool:
 def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: BagReadings) -> int:
     """Put a bag in.
 
-    Args:
-        robot: Number of its robot.
-
     Returns:
         The time that others have recorded, which is left out. [ns]
-
-    Raises:
-        HistoryError: If what it gave before can no longer be taken out.
     """
     of_bag = f"{BAG}{bag.name.partition('-')[0]}-"
     for number, origin, *_ in _epochs(connection, robot):
@@ -115,11 +109,7 @@ def give_way(
 
 
 def take_out(connection: sqlite3.Connection, rolled: Rolled, robot: int, epoch: int) -> None:
-    """Take all that registers gave out of a history.
-
-    Raises:
-        HistoryError: If quarter hours of that time are not kept.
-    """
+    """Take all that registers gave out of a history."""
     begin, end = next((b, e) for number, _, b, e in _epochs(connection, robot) if number == epoch)
     if begin < rolled.quarters_from_ns:
         raise HistoryError(

@@ -102,9 +102,6 @@ def fit_baseline(energy: Float, drivers: Mapping[str, Float]) -> EnergyBaseline:
     Args:
         energy: Of each day, shape (N,). [kWh]
         drivers: What explains it, by name, shape (N,) each. [its own unit]
-
-    Raises:
-        HistoryError: If there are too few days, or they used nothing.
     """
     kept, left_out = [np.ones_like(energy)], list[str]()
     names = ["constant"]

@@ -18,7 +18,15 @@ from robot_energy_history.jobs import unlike_jobs
 from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
 from robot_energy_history.rows import put_events, reading_from
-from robot_energy_history.schema import FILE, LEVELS, TABLES, VERSION, prepare, version_of
+from robot_energy_history.schema import (
+    FILE,
+    LEVELS,
+    TABLES,
+    VERSION,
+    prepare,
+    require_version,
+    version_of,
+)
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
@@ -30,12 +38,6 @@ def check(folder: str | Path) -> list[str]:
 
     Sums of slots must be the difference of the registers, to the microjoule, of every robot, and
     hours and days those of the quarter hours that they were made from.
-
-    Args:
-        folder: Folder of the history.
-
-    Raises:
-        HistoryError: If there is none, or it cannot be read at all.
     """
     with closing(open_reader(folder)) as connection:
         try:
@@ -61,9 +63,6 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
 
     Returns:
         What was done, a sentence each.
-
-    Raises:
-        HistoryError: If another process writes there, or there is no history.
     """
     path = Path(folder).expanduser() / FILE
     if not path.is_file():
@@ -96,11 +95,7 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
 
 
 def check_file(path: Path) -> str:
-    """Return what is wrong with a file as a database; empty if nothing is.
-
-    Raises:
-        HistoryError: If it is of a newer release.
-    """
+    """Return what is wrong with a file as a database; empty if nothing is."""
     try:
         with closing(sqlite3.connect(path)) as connection:
             rows = [str(row[0]) for row in connection.execute("PRAGMA quick_check(1)")]
@@ -108,9 +103,8 @@ def check_file(path: Path) -> str:
             columns = _columns(connection)
     except DAMAGED as error:
         return str(error)
-    if version > VERSION:
-        raise HistoryError(f"{path} has tables of version {version}", f"version {VERSION}")
-    if version == VERSION:
+    if version:
+        require_version(version, path)
         with closing(sqlite3.connect(":memory:")) as fresh:
             fresh.executescript(TABLES)
             if not _columns(fresh) <= columns:

@@ -10,8 +10,8 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.store.state_files import open_regular
-from robot_energy_history.schema import FILE, VERSION, version_of
+from robot_energy.store.envelope import open_regular
+from robot_energy_history.schema import FILE, require_version, version_of
 
 DAMAGED = (sqlite3.Error, UnicodeError)
 """What SQLite raises of a damaged file, also where its own words are damaged."""
@@ -30,7 +30,6 @@ def take_lock(folder: Path) -> int:
         folder: Only its owner may look into a new one.
 
     Raises:
-        HistoryError: If another process writes there.
         OSError: If the folder cannot be used.
     """
     if not folder.is_dir():
@@ -86,14 +85,7 @@ def unusable(folder: Path, error: Exception) -> HistoryError:
 
 
 def open_reader(folder: str | Path) -> sqlite3.Connection:
-    """Return a connection that only reads, also while another process writes.
-
-    Args:
-        folder: Folder of a history.
-
-    Raises:
-        HistoryError: If there is no history, or it is of a newer release.
-    """
+    """Return a connection that only reads, also while another process writes."""
     path = Path(folder).expanduser() / FILE
     if not path.is_file():
         raise HistoryError(
@@ -112,14 +104,11 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
     except DAMAGED as error:
         raise _unreadable(path, error) from error
     connection.execute("PRAGMA temp_store = MEMORY")
-    if version != VERSION:
+    try:
+        require_version(version, path)
+    except HistoryError:
         connection.close()
-        raise HistoryError(
-            f"{path} has tables of version {version}", f"version {VERSION}",
-            "start energy_recorder once to bring older ones up to date"
-            if version < VERSION
-            else "use the release that wrote it",
-        )  # fmt: skip
+        raise
     return connection
 
 
@@ -127,14 +116,8 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
 def reader(folder: str | Path) -> Generator[sqlite3.Connection]:
     """Give a connection that reads one state of a history, whatever is written meanwhile.
 
-    Args:
-        folder: Folder of a history.
-
     Yields:
         The connection.
-
-    Raises:
-        HistoryError: As of `open_reader`, or if what is read is damaged.
     """
     with closing(open_reader(folder)) as connection:
         try:

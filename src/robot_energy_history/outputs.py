@@ -73,11 +73,7 @@ Row = dict[str, Any]
 
 
 def rows(wanted: Wanted) -> list[Row]:
-    """Return the rows that end in a time by their begin, spans that no part holds among them.
-
-    Raises:
-        HistoryError: If there is no history, or there are too many rows.
-    """
+    """Return the rows that end in a time by their begin, spans that no part holds among them."""
     table = wanted.read(wanted.start_ns, wanted.stop_ns, wanted.resolution)
     emits = any(one.co2_kg_per_kwh is not None for one in stored_tariffs(wanted.folder))
     unknown = () if emits else ("co2_kg",)
@@ -109,11 +105,7 @@ def csv_bytes(wanted: Wanted) -> bytes:
 
 
 def parquet_bytes(wanted: Wanted) -> bytes:
-    """Return the rows as a Parquet file; unknown is null.
-
-    Raises:
-        MissingExtraError: If polars is not installed.
-    """
+    """Return the rows as a Parquet file; unknown is null."""
     require("polars", "a Parquet file")
     polars = library("polars")
     found = rows(wanted)
@@ -130,9 +122,6 @@ def line_bytes(wanted: Wanted) -> bytes:
     """Return the rows as line protocol of InfluxDB, which others read too.
 
     The stamp is the begin of a row; it and the tags are its key. Whole numbers stay whole.
-
-    Raises:
-        HistoryError: If a name cannot be written.
     """
     lines = [f"# {MARK}"]
     for row in rows(wanted):

@@ -122,9 +122,6 @@ def savings_by_robot(
 
     Args:
         robots: Names; empty for all. Further arguments are those of `history_savings`.
-
-    Raises:
-        HistoryError: If something that was asked for is not in the history.
     """
     if unknown := [name for name in drivers if name not in DRIVERS]:
         raise HistoryError(f"a driver '{unknown[0]}'", ", ".join(DRIVERS))

@@ -1,10 +1,9 @@
-"""Tables of the history, and how those of an earlier release become those of this one."""
+"""Tables of the history."""
 
 from __future__ import annotations
 
 import sqlite3
 import uuid
-from collections.abc import Callable
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
@@ -84,74 +83,39 @@ CREATE INDEX irregular ON slot15 (robot, start) WHERE flags & 1;
 {ROLLED}{JOBS}{FRICTION}"""
 
 
-def _rolled_up(connection: sqlite3.Connection) -> None:
-    """Version 2: hours, days and curves, which the writer fills day by day; tariffs have a file."""
-    from robot_energy_history.tariffs import Tariff, add_tariffs  # 10 MB of schemas, used once
-
-    for statement in ROLLED.split(";"):
-        connection.execute(statement)
-    folder = Path(connection.execute("PRAGMA database_list").fetchone()[2]).parent
-    for added, text in connection.execute("SELECT added, document FROM tariff ORDER BY id"):
-        add_tariffs(folder, [Tariff.model_validate_json(text)], added)
-    connection.execute("DROP TABLE tariff")
-
-
-def _jobs_rolled_up(connection: sqlite3.Connection) -> None:
-    """Version 3: jobs by name, hour and day, of the days that are rolled up; learned friction."""
-    for statement in f"{JOBS}{FRICTION}".split(";"):
-        connection.execute(statement)
-    row = connection.execute("SELECT value FROM meta WHERE name = 'rolled_until'").fetchone()
-    for level in LEVELS:
-        connection.execute(ROLL_JOBS[level], (0, int(row[0]) if row else 0))
-
-
-MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _rolled_up, 2: _jobs_rolled_up}
-"""How tables of a version become those of the next one."""
-
-
 def version_of(connection: sqlite3.Connection) -> int:
     """Return the version of the tables; 0 where there are none."""
     return int(connection.execute("PRAGMA user_version").fetchone()[0])
 
 
-def prepare(connection: sqlite3.Connection, path: Path) -> str:
-    """Make the tables, or bring those of an earlier release up to date, a copy of it made first.
+def prepare(connection: sqlite3.Connection, path: Path) -> None:
+    """Make the tables, if there are none.
 
     Args:
         connection: In autocommit mode.
 
-    Returns:
-        What was done, in a sentence; empty for nothing.
-
     Raises:
-        HistoryError: If the tables are of a newer release.
         sqlite3.Error: If it cannot be done; all is as before then.
     """
-    found, said = version_of(connection), ""
-    if found > VERSION:
-        raise HistoryError(
-            f"{path} has tables of version {found}", f"version {VERSION} or older",
-            "use the release that wrote it, or another folder",
-        )  # fmt: skip
-    if found == VERSION:
-        return said
-    if found:
-        copy = path.with_name(f"{path.name}.version-{found}")
-        copy.unlink(missing_ok=True)
-        connection.execute("VACUUM INTO ?", (str(copy),))
-        copy.chmod(0o600)
-        said = f"{path} was brought from version {found} to {VERSION}; {copy.name} is as before"
+    if found := version_of(connection):
+        require_version(found, path)
+        return
     connection.execute("BEGIN IMMEDIATE")
     try:
-        if not found:
-            for statement in TABLES.split(";"):
-                connection.execute(statement)
-            connection.execute("INSERT INTO meta VALUES ('dataset', ?)", (uuid.uuid4().hex,))
-        for version in range(found or VERSION, VERSION):
-            MIGRATIONS[version](connection)
+        for statement in TABLES.split(";"):
+            connection.execute(statement)
+        connection.execute("INSERT INTO meta VALUES ('dataset', ?)", (uuid.uuid4().hex,))
         connection.execute(f"PRAGMA user_version = {VERSION}")
         connection.execute("COMMIT")
     except BaseException:
         connection.execute("ROLLBACK")
         raise
-    return said
+
+
+def require_version(version: int, path: Path) -> None:
+    """Refuse tables of another version with a `HistoryError`."""
+    if version != VERSION:
+        raise HistoryError(
+            f"{path} has tables of version {version}", f"version {VERSION}",
+            "use the release that wrote it, or another folder",
+        )  # fmt: skip

@@ -61,11 +61,7 @@ _JOBS = (
 
 
 def zone_of(name: str) -> ZoneInfo:
-    """Return a time zone.
-
-    Raises:
-        HistoryError: If the zone does not exist.
-    """
+    """Return a time zone."""
     try:
         return time_zone(name)
     except ValueError as error:
@@ -81,9 +77,6 @@ def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -
         stop_ns: End of the time. [ns]
         zone: Where days, weeks (from Monday), months and years begin at midnight; hours
             begin where those of the zone do.
-
-    Raises:
-        HistoryError: If there are too many.
     """
     if resolution == "all":
         return [start_ns, stop_ns]
@@ -111,9 +104,6 @@ def robots_of(connection: sqlite3.Connection, names: Sequence[str] = ()) -> dict
 
     Args:
         names: Which; empty for all.
-
-    Raises:
-        HistoryError: If one is not there.
     """
     known: dict[str, int] = dict(
         connection.execute("SELECT name, id FROM robot ORDER BY name").fetchall()

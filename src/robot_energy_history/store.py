@@ -110,18 +110,12 @@ class HistoryStore:
         self._notes = WaitingNotes()
 
     def open(self) -> None:
-        """Take the lock and read up to where robots were recorded.
-
-        Raises:
-            HistoryError: If another process writes here, or the folder cannot be used.
-        """
+        """Take the lock and read up to where robots were recorded."""
         try:
             if self._lock is None:
                 self._lock = take_lock(self.folder)
             self._connection = open_writer(self.folder)
-            said = prepare(self._connection, self.folder / FILE)
-            if said:
-                self.notices.append(said)
+            prepare(self._connection, self.folder / FILE)
             self._robots = self._read()
         except (OSError, sqlite3.Error, ValueError) as error:
             self._disconnect()
@@ -152,12 +146,7 @@ class HistoryStore:
         """Take readings, never waiting for the disk; of those within a minute the last is enough.
 
         Args:
-            robot: Its name.
             readings: In order of arrival.
-            origin: Where they come from.
-
-        Raises:
-            HistoryError: If there are too many robots.
         """
         with self._mutex:
             known = {*self._robots, *(name for name, _ in (*self._waiting, *self._writing))}
@@ -205,9 +194,6 @@ class HistoryStore:
 
         Returns:
             The time of it that others have recorded, which is left out. [ns]
-
-        Raises:
-            HistoryError: If it cannot be written.
         """
         connection = self._connection
         if connection is None:

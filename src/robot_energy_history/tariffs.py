@@ -19,7 +19,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
-from robot_energy.store.state_files import open_regular, read_regular
+from robot_energy.store.envelope import open_regular, read_regular
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
@@ -230,11 +230,7 @@ def day_begin(day: date, zone: ZoneInfo) -> int:
 
 
 def load_tariffs(path: str) -> tuple[Tariff, ...]:
-    """Return the tariffs of a file.
-
-    Raises:
-        HistoryError: If the file cannot be read or used.
-    """
+    """Return the tariffs of a file."""
     return load(path, TariffFile, HistoryError, "tariff file").tariffs
 
 
@@ -244,11 +240,7 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
     One with the same begin holds from now on, and the earlier one is kept.
 
     Args:
-        folder: Of the history.
         now_ns: Time of this computer. [ns]
-
-    Raises:
-        HistoryError: If they cannot be written, or there would be too many.
     """
     path = folder / FILE
     lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()
@@ -270,11 +262,7 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
 
 
 def stored_tariffs(folder: str | Path) -> list[Tariff]:
-    """Return the tariffs of a history that hold, in order of their begin.
-
-    Raises:
-        HistoryError: If they cannot be read.
-    """
+    """Return the tariffs of a history that hold, in order of their begin."""
     path = Path(folder).expanduser() / FILE
     try:
         content = read_regular(path, MAX_BYTES) or b""

@@ -18,7 +18,6 @@ def at_bound(source: str, value: float = 0.0) -> PositiveFigure:
     """Return a figure that no data may make negative; a bound has no standard deviation.
 
     Args:
-        source: Where the data come from.
         value: 0, or what rounding of a solver left of it. [of the figure]
     """
     text = f"{AT_BOUND}: {source}" if source else AT_BOUND
@@ -43,7 +42,6 @@ def identified(value: float, std: float | None, source: str) -> PositiveFigure:
     Args:
         value: As fitted. [of the figure]
         std: Its standard deviation; None or not finite where it is unknown. [of the figure]
-        source: Where the data come from.
     """
     if not value > 0.0:
         return at_bound(source)
@@ -56,7 +54,6 @@ def only_the_sum(value: float, of: str, source: str) -> PositiveFigure:
 
     Args:
         value: Its share. [of the figure]
-        source: Where the data come from.
     """
     text = f"only the sum of {of}, is identified"
     return PositiveFigure(

@@ -63,11 +63,7 @@ def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
 
 
 def evidence_of_rows(result: Dynamics) -> Evidence:
-    """Return what the checks need of the rows that dynamics were identified from.
-
-    Args:
-        result: The identification; its rotors are used, those of a log are not known before.
-    """
+    """Return what the checks need of rows that dynamics were identified from, with its rotors."""
     model, rows = result.model, result.observations
     inertia = Drivetrain.from_model(model).rotor_inertia.copy()
     squared = np.diagonal(result.torque_model.transmission) ** 2
@@ -147,9 +143,6 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
 
     Args:
         recordings: With their meters; those without are passed over.
-
-    Raises:
-        ImplausibleIdentificationError: Naming the cause and the line that mends it.
     """
     for recording in spread(recordings):
         if recording.meter is not None:

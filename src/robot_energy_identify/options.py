@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
-from robot_energy.foundation.options import Option, documented
+from robot_energy.foundation.described import documented
+from robot_energy.foundation.options import Option
 from robot_energy.foundation.units import DQ_FACTORS, DqScaling
 
 if TYPE_CHECKING:
@@ -36,7 +37,8 @@ class IdentifyOptions(SourceOptions, total=False):
 
     test: Annotated[str | Path | Sequence[str | Path], Option(
         "recordings for the test alone", value="BAG", several="in a row", default=())]
-    held_out: Annotated[bool, "Whether to test the energy on held-out recordings (default)."]
+    held_out: Annotated[bool, Option(
+        "whether to test the energy on held-out recordings", default=True)]
     drive_power: Annotated[str | Sequence[str] | None, Option(
         "array with the power of each drive [W]; or four arrays, from which the power is computed: "
         "currents d and q [A], voltages d and q [V]",
@@ -49,7 +51,7 @@ class IdentifyOptions(SourceOptions, total=False):
         "transformation (default: peak)",
         choices=tuple(DQ_FACTORS), default="peak", group=OF_DRIVES)]
     skip: Annotated[Sequence[Subject], Option(
-        "leave these as the model has them: %(choices)s",
+        "leave these as the model has them",
         value="PART", choices=SUBJECTS, several="in a row", default=())]
     link_voltages: Annotated[tuple[float, float] | None,
         "Of the DC link: rectified mains, start of the brake chopper. [V]"]

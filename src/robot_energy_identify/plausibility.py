@@ -121,11 +121,7 @@ def _refuse_opposite(found: Mapping[str, float], joints: int, remedy: str = TURN
 
 
 def check_signs(recordings: Sequence[Recording], effort: EffortMeaning | None = None) -> None:
-    """Refuse recordings whose measured torque has the wrong sign.
-
-    Raises:
-        ImplausibleIdentificationError: Naming the joints.
-    """
+    """Refuse recordings whose measured torque has the wrong sign."""
     model, torque = recordings[0].model, TorqueBlock.concatenate([p.torque for p in recordings])
     measured, rigid = torque.motor_torque_measured, torque.motor_torque_rigid
     sound = np.concatenate([part.sound for part in recordings])
@@ -141,9 +137,6 @@ def check_dynamics(result: Dynamics, held_out: TorqueError) -> None:
 
     Args:
         held_out: Torque error of its model file on what it has not seen.
-
-    Raises:
-        ImplausibleIdentificationError: Saying what is wrong with them.
     """
     robot, rows = result.torque_model.robot, result.observations
     bodies = rows.regressor[:, :, : 10 * robot.n_joints] @ robot.link_parameters.ravel()
@@ -181,14 +174,8 @@ def check_friction(fits: Sequence[FrictionFit]) -> tuple[list[FrictionFit], list
 
     A viscous law over temperature is >= 0 by its fit, so only a constant is judged.
 
-    Args:
-        fits: One per identified axis.
-
     Returns:
         The axes that brake, and why the others do not, one sentence each.
-
-    Raises:
-        ImplausibleIdentificationError: If no axis is left, or none predicts its torque.
     """
     kept: list[FrictionFit] = []
     refused: list[ImplausibleIdentificationError] = []
@@ -276,11 +263,7 @@ def _refuse_mass(result: Dynamics, given: Float) -> None:
 
 
 def check_drives(data: DriveData, fit: DrivesFit) -> None:
-    """Refuse drives whose measured power contradicts their shaft power.
-
-    Raises:
-        ImplausibleIdentificationError: Naming the drives.
-    """
+    """Refuse drives whose measured power contradicts their shaft power."""
     found: dict[str, float] = {}
     for joint, name in enumerate(data.names):
         rows = data.usable[:, joint]
@@ -316,9 +299,6 @@ def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
 
     Args:
         scores: On held-out data, by way.
-
-    Raises:
-        ImplausibleIdentificationError: Saying so.
     """
     score = scores.get("identified")
     size = rms_of(data.measured)
@@ -332,11 +312,7 @@ def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
 
 
 def check_cabinet(fit: CabinetFit) -> None:
-    """Refuse a cabinet that gives power while nothing moves.
-
-    Raises:
-        ImplausibleIdentificationError: Saying what the meter reads.
-    """
+    """Refuse a cabinet that gives power while nothing moves."""
     for level, when in ((fit.hold, "stands still"), (fit.generating, "brakes")):
         if level is not None and _negative(level.power, level.std):
             raise ImplausibleIdentificationError(

@@ -49,9 +49,6 @@ def require_distinct(bags: Sequence[Path], tests: Sequence[Path] = ()) -> None:
     """Refuse a recording that counts twice in a fit, or in the fit and in its test.
 
     Copies are found whatever their names. What cannot be read is left to those who read it.
-
-    Raises:
-        BagError: Naming both.
     """
     known: dict[str, Path] = {}
     paths = (*bags, *tests)
@@ -79,11 +76,7 @@ def require_distinct(bags: Sequence[Path], tests: Sequence[Path] = ()) -> None:
 
 
 def require_some(recordings: Sequence[object]) -> None:
-    """Refuse an identification from nothing.
-
-    Raises:
-        BagError: If there is none.
-    """
+    """Refuse an identification from nothing."""
     if not recordings:
         raise BagError("no recording", "one or more", "name recordings of the robot")
 
@@ -94,9 +87,7 @@ def identified_from(
     """Return the provenance of a model after an identification.
 
     Args:
-        before: Of the model that it began with.
         recordings: Those behind it, see `hashed`.
-        data_date: When they were recorded; empty where stamps are not dates.
     """
     new = [name for name in recordings if name not in before.bags]
     return Provenance(

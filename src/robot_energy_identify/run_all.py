@@ -29,7 +29,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.cabinet.cabinet import fit_cabinet
+from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet
 from robot_energy_identify.cabinet.dc_link import Voltages
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy_identify.data.recordings import spread
@@ -192,12 +192,18 @@ def in_turns(
         model: As the steps before left it.
         source: Where the data come from.
     """
+    fan = drives.model.cabinet.fan
+    if fan is not None:
+        model = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
     times = 1
     while times <= MAX_TURNS:
         times += 1
         before = drives.model.cabinet
         try:
             fit = fit_cabinet(read_all(bags, drives.model))
+            if isinstance(cabinet.found, CabinetFit):
+                known = cabinet.found
+                fit = replace(fit, fan=known.fan, fan_reason=known.fan_reason)
             again = cabinet_step(model, fit, source)
             new = drives_step(bags, again.model, source)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:

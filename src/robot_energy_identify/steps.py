@@ -26,6 +26,7 @@ from robot_energy_identify.cabinet.cabinet import (
     with_cabinet,
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy_identify.cabinet.fan import with_fan
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
 from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
@@ -376,11 +377,13 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
 
 
 def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+    model, fan, reason = with_fan(model, read_all(bags, model), source)
     recordings, powers = powers_of(bags, model)
     rest = None
     if any(power is not None for power in powers):
         rest = rest_of_drives(drive_data(recordings, powers, measured_torque=False), model)
-    return cabinet_step(model, fit_cabinet(recordings, rest), source)
+    fit = replace(fit_cabinet(recordings, rest), fan=fan, fan_reason=reason)
+    return cabinet_step(model, fit, source)
 
 
 def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:

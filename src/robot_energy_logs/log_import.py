@@ -5,19 +5,269 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.timeline.blocks import MeterLocation, MeterMeaning
+from robot_energy.physics.electrical_power import electrical_power
+from robot_energy.timeline.blocks import Float, Int, MeterLocation, MeterMeaning
 from robot_energy.timeline.stamps import MIN_DATE
-from robot_energy_logs.columns import ROTOR_FRAME
+from robot_energy_logs.cells import TableRows
+from robot_energy_logs.columns import (
+    FACTORS,
+    PLACEHOLDER,
+    ROTOR_FRAME,
+    SPELLINGS,
+    ZEROS,
+    Columns,
+    PositionColumn,
+    Velocity,
+)
 from robot_energy_logs.instants import time_remedy
-from robot_energy_logs.mapped_log import MappedLog
-from robot_energy_logs.mapping import DIGITS, LogMapping, Time
-from robot_energy_logs.recording import ImportReport, LogBlock, RecordingContents, write_bag
-from robot_energy_logs.rows import Clock
+from robot_energy_logs.mapping import DIGITS, PLACE, LogMapping, Time
+from robot_energy_logs.recording import (
+    BODY,
+    FileAccount,
+    ImportReport,
+    LogBlock,
+    RecordingContents,
+    nothing_used,
+    write_bag,
+)
+from robot_energy_logs.rows import Clock, side_by_side, usable_rows
+from robot_energy_logs.table import LogTable
+
+
+class MappedLog:
+    """One recording of a log: a table, or several side by side.
+
+    Args:
+        optional: Whether the file may lack columns other than those of time and position.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        mapping: LogMapping,
+        recording: str = "",
+        drivetrain: Drivetrain | None = None,
+        optional: bool = False,
+    ) -> None:
+        self._mapping, self._drivetrain = mapping, drivetrain
+        self._optional = optional
+        folder = path if mapping.in_folder else path.parent
+        joint_keys = mapping.joints.keys or mapping.joints.names
+        first = (mapping.joints.first.file or "").replace(PLACEHOLDER, joint_keys[0])
+        main = folder / first.replace(PLACE, recording) if first else path
+        self.name = recording or main.name
+        self.account = FileAccount(path=main)
+        self.tables: dict[Path, LogTable] = {}
+        self._columns: dict[Path, list[tuple[str, str]]] = {}  # quantity and name of each
+        for key, group in mapping.joints.quantities():
+            file = folder / group.file.replace(PLACE, recording) if group.file else main
+            owner = mapping if file == main and group.column_names is None else group
+            if group.files_of_joints:
+                for joint_key in joint_keys:
+                    own = file.with_name(file.name.replace(PLACEHOLDER, joint_key))
+                    self._add(key, own, owner.column_names, group, [joint_key])
+            else:
+                self._add(key, file, owner.column_names, group, joint_keys)
+        for key, (column, _) in (mapping.power.factors() if mapping.power else {}).items():
+            if not optional or column in self.tables[main].columns:
+                self._take(f"power.{key}", main, [column])
+        if mapping.payload is not None:
+            body = [mapping.payload.mass, *mapping.payload.centre_of_mass]
+            for part in (body, mapping.payload.inertia or []):
+                if not optional or set(part) <= set(self.tables[main].columns):
+                    self._take("payload.payload", main, part)
+        self._texts = [
+            self.tables[main].require(column, f"time.{key}")
+            for key in ("column", "run")
+            if (column := getattr(mapping.time, key)) is not None
+        ]
+
+    def _add(
+        self,
+        key: str,
+        file: Path,
+        names: Sequence[str] | None,
+        group: Columns[Any],
+        joint_keys: Sequence[str],
+    ) -> None:
+        if file not in self.tables:
+            form = self._mapping
+            self.tables[file] = LogTable(
+                file,
+                form.delimiter,
+                names,
+                form.decimal,
+                form.encoding,
+                form.comment,
+                form.skip_rows,
+            )
+        table = self.tables[file]
+        columns = group.names(list(joint_keys))
+        if columns is None:
+            columns = list(table.columns[: len(joint_keys)])
+            if len(columns) < len(joint_keys):
+                raise LogFormatError(
+                    f"{file} has {len(columns)} columns", f"one per joint: {len(joint_keys)}"
+                )
+        required = not self._optional or self._mapping.joints.first is group
+        if required or set(columns) <= set(table.columns):
+            self._take(f"joints.{key}", file, columns)
+            _check_units(f"joints.{key}", table, columns, group.unit)
+
+    def _take(self, owner: str, file: Path, columns: Sequence[str]) -> None:
+        taken = self._columns.setdefault(file, [])
+        for column in columns:
+            taken.append((owner.partition(".")[2], self.tables[file].require(column, owner)))
+
+    def __contains__(self, quantity: str) -> bool:
+        """Whether the files have a quantity, such as ``velocity`` or ``reading``."""
+        return any(quantity == key for taken in self._columns.values() for key, _ in taken)
+
+    @property
+    def begins(self) -> float:
+        """Time of the first row that has one, infinite where none has. [ns]"""
+        rows = next(self.main.rows((), self._texts[:1]), None)
+        if rows is None:
+            return np.inf
+        instants, known, _ = Clock(self._mapping.time).instants(rows)
+        return float(instants[known][0]) if known.any() else np.inf
+
+    @property
+    def main(self) -> LogTable:
+        """The table with the time and the positions, or velocities without positions."""
+        return next(iter(self.tables.values()))
+
+    def blocks(
+        self,
+        clock: Clock | None = None,
+        last_ns: int | None = None,
+        start_ns: int | None = None,
+        kept: bool = False,
+    ) -> Iterator[LogBlock]:
+        """Yield the usable rows, and account for the others.
+
+        Args:
+            clock: Of all files of the log; None: of this one alone.
+            last_ns: Stamp of the last row before these; None if there is none. [ns]
+            start_ns: Added to every time; None: as the mapping says. [ns]
+            kept: Whether all rows will be kept in memory, so that their number is bounded.
+
+        Yields:
+            Rows in SI units, joint side, in the order of the files.
+        """
+        time = self._mapping.time
+        clock = Clock(time) if clock is None else clock
+        start = time.start_ns if start_ns is None else start_ns
+        last = None if last_ns is None else last_ns - start
+        clock.begin_table(self.account.path.name)
+        required = np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
+        for rows in self._joined(kept):
+            instants, known, run = clock.instants(rows)
+            used, last = usable_rows(rows, instants, known, required, last, self.account, start)
+            yield self._block(instants[used] + start, rows.values[used], run[used])
+
+    @property
+    def _keys(self) -> NDArray[np.str_]:
+        """Quantity of every column that is read, in their order."""
+        return np.array([key for taken in self._columns.values() for key, _ in taken])
+
+    @property
+    def notes(self) -> list[str]:
+        """What was found about the files, one sentence each."""
+        return [note for table in self.tables.values() for note in table.notes]
+
+    def whole(self, clock: Clock | None = None) -> LogBlock:
+        """Return all usable rows at once, in SI units.
+
+        Args:
+            clock: Of all files of the log; None: of this one alone.
+        """
+        blocks = [block for block in self.blocks(clock, kept=True) if len(block)]
+        if not blocks:
+            raise LogFormatError(*nothing_used([self.account]))
+        return LogBlock.concatenate(blocks)
+
+    def _joined(self, kept: bool) -> Iterator[TableRows]:
+        kept |= len(self.tables) > 1
+        streams: list[Iterator[TableRows]] = []
+        for file, table in self.tables.items():
+            names = [name for _, name in self._columns[file]]
+            streams.append(table.rows(names, () if streams else self._texts, kept))
+        return side_by_side(list(self.tables.values()), streams)
+
+    def _block(self, stamp_ns: Int, values: Float, run: Int) -> LogBlock:
+        keys = self._keys
+        joints, power = self._mapping.joints, self._mapping.power
+        groups = dict(joints.quantities())
+
+        def quantity(key: str) -> Float:
+            """Values of one quantity of all joints, as logged but in SI; NaN without any."""
+            if key not in self:
+                return np.full((len(values), len(joints.names)), np.nan)
+            unit: str = groups[key].unit
+            return values[:, keys == key] * FACTORS[unit] + ZEROS.get(unit, 0.0)
+
+        def joint_side(key: str, group: PositionColumn | Velocity | None) -> Float:
+            """Positions or velocities; both follow the same map from the motors."""
+            found = quantity(key)
+            if group is None:
+                return found
+            if group.side == "motor":
+                gears = self._drivetrain or self._mapping.drivetrain()
+                found = gears.joint_velocity_from_motor(found)
+            return group.correction.apply(found)
+
+        effort = quantity("effort")
+        if joints.effort is not None:
+            effort = effort * np.asarray(joints.effort.torque_constant or 1.0)
+            effort = joints.effort.correction.apply(effort)
+        reading = np.full(len(values), np.nan)
+        if power is not None and all(key in self for key in power.factors()):
+            reading = np.full(len(values), power.factor)
+            for key, (_, factor) in power.factors().items():
+                reading = reading * (values[:, keys == key][:, 0] * factor)
+        drive_power = quantity("drive_power")
+        if joints.current_q is not None:
+            current_d, current_q, voltage_d, voltage_q = map(quantity, ROTOR_FRAME)
+            drive_power = electrical_power(
+                current_d, current_q, voltage_d, voltage_q, joints.dq_scaling
+            )
+        body = values[:, keys == "payload"]
+        without = len(BODY) - body.shape[1]  # of a point mass
+        payload = np.hstack([body, np.zeros((len(body), without))]) if body.shape[1] else None
+        return LogBlock(
+            stamp_ns,
+            joint_side("position", joints.position),
+            joint_side("velocity", joints.velocity),
+            effort,
+            quantity("temperature"),
+            reading,
+            drive_power,
+            payload,
+            run,
+        )
+
+
+def _check_units(owner: str, table: LogTable, columns: Sequence[str], unit: str) -> None:
+    """Refuse a unit that contradicts the one that the file itself says of a column."""
+    for column in columns:
+        said = table.units.get(column, "")
+        known = SPELLINGS.get(said.lower())
+        if known is not None and known != {"celsius": "degc"}.get(unit, unit):
+            raise LogFormatError(
+                f"{table.path} says that '{column}' is in '{said}', and the mapping {unit}",
+                f"{owner}.unit: {known}",
+                "correct the mapping",
+            )
 
 
 def open_logs(
@@ -35,9 +285,6 @@ def open_logs(
     Returns:
         The recordings: in the order of their time if that has a date or one clock, else as
         they are given.
-
-    Raises:
-        LogFormatError: If a file cannot be read or lacks a column.
     """
     found = [Path(path) for path in paths]
     if not found:
@@ -72,9 +319,6 @@ def import_log(
 
     Returns:
         What was written, and the account of every row.
-
-    Raises:
-        LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
     """
     files = [paths] if isinstance(paths, str | Path) else paths
     if mapping.joints.position is None:

@@ -214,11 +214,7 @@ class LogMapping(MappingEntry):
         return list(dict.fromkeys(f.replace(PLACE, name) for name in names for f in groups))
 
     def drivetrain(self) -> Drivetrain:
-        """Return what ``robot`` says of gears and coupling.
-
-        Raises:
-            LogFormatError: If there is no such entry.
-        """
+        """Return what ``robot`` says of gears and coupling."""
         if self.robot is None:
             raise LogFormatError(
                 "positions or velocities of motors, and no gear ratios",

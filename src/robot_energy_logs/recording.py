@@ -289,9 +289,6 @@ def write_bag(
 
     Returns:
         What was written.
-
-    Raises:
-        LogFormatError: If no row can be used, or a row cannot be read.
     """
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)

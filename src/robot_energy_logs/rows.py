@@ -24,14 +24,8 @@ def side_by_side(
 ) -> Iterator[TableRows]:
     """Join rows of tables that were recorded together, the first with the first and so on.
 
-    Args:
-        streams: Rows of each.
-
     Yields:
         Rows with the numbers of all tables; line and texts are those of the first.
-
-    Raises:
-        LogFormatError: If the tables differ in length.
     """
     if len(streams) == 1:
         yield from streams[0]

@@ -59,9 +59,6 @@ class LogTable:
     Attributes:
         units: Of the columns, in the words of the file, as far as it says them.
         notes: What was found about the file, one sentence each.
-
-    Raises:
-        LogFormatError: If the file cannot be read or names no columns.
     """
 
     def __init__(
@@ -128,11 +125,7 @@ class LogTable:
         return None if self._text is None else self._text.delimiter
 
     def require(self, name: str, owner: str = "") -> str:
-        """Return the name of a column that must be there once.
-
-        Raises:
-            LogFormatError: If it is absent or there twice; the text names near ones.
-        """
+        """Return the name of a column that must be there once."""
         count = self.columns.count(name)
         if count == 1:
             return name
@@ -178,9 +171,6 @@ class LogTable:
 
         Yields:
             Some rows at a time, in the order of the file.
-
-        Raises:
-            LogFormatError: If the file cannot be read to its end, or is too long to be kept.
         """
         names = (*numbers, *texts)
         pick = [self.columns.index(name) for name in names]

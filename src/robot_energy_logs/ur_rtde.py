@@ -67,9 +67,6 @@ def import_ur_rtde(
 
     Returns:
         What was written, and the account of every row.
-
-    Raises:
-        LogFormatError: If a file cannot be read, lacks a column, or has no usable row.
     """
     names = list(joint_names)
     decimal = _decimal(logs)

@@ -146,9 +146,6 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
 
     Args:
         programs: How many programs of the kind of the experiment; >= 1.
-
-    Raises:
-        RigError: If no program is asked for.
     """
     if programs < 1:
         raise RigError(f"{programs} programs were asked for", "at least 1")

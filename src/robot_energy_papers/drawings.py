@@ -65,11 +65,7 @@ class EnergyStudy:
 def energy_over_temperature(
     study: EnergyStudy, path: Target, title: str = "", deviation: bool = False
 ) -> None:
-    """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b).
-
-    Raises:
-        ShapeError: If there is no set.
-    """
+    """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b)."""
     if not len(study.robot_degc):
         raise ShapeError("no set to draw", "at least one temperature")
     with canvas(path, (8.0, 7.0) if deviation else (6.4, 4.2), title) as figure:
@@ -95,9 +91,6 @@ def shaft_power_over_temperature(
     Args:
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
-
-    Raises:
-        ShapeError: If there is no curve.
     """
     if not curves:
         raise ShapeError("no curve to draw", "at least one temperature")

@@ -113,9 +113,6 @@ def identify_drives(
 
     Args:
         cutoff: Of the low-pass of the maps. [Hz]
-
-    Raises:
-        NotIdentifiableError: If a drive cannot be identified from the runs.
     """
     recordings, powers = [run.recording for run in runs], [run.power for run in runs]
     data = drive_data(recordings, powers, measured_torque=True)

@@ -25,7 +25,6 @@ class StudyRun:
     Attributes:
         folder: For the bags that are kept; it exists.
         workers: Processes in addition to this one; 1 means to do all of it here.
-        progress: Called with the share done, 0 to 1.
     """
 
     folder: Path
@@ -38,7 +37,6 @@ class Steps:
     """Turns finished jobs into a share of the work.
 
     Args:
-        progress: Called with the share done, 0 to 1; None for no report.
         share: What all jobs together are of the work. [-]
     """
 
@@ -61,11 +59,7 @@ class Steps:
 def job_pool(
     workers: int, done: Callable[[Future[Any]], None]
 ) -> Generator[Callable[..., Future[Any]]]:
-    """Yield a function that starts a job: in another process, or here and at once.
-
-    Raises:
-        RigError: If a process ended by itself.
-    """
+    """Yield a function that starts a job: in another process, or here and at once."""
     if workers <= 1:
 
         def now(job: Callable[..., Any], *args: Any) -> Future[Any]:

@@ -7,25 +7,24 @@ One layer is played on the virtual rigs as well, whose friction and losses are o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from robot_energy.inputs.joint_states.decode import joint_block
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.timeline.blocks import Float, JointBlock, PowerBlock, TemperatureBlock
+from robot_energy.timeline.blocks import Float, PowerBlock, TemperatureBlock
 from robot_energy_papers.mantis import Smooth
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion import InverseKinematics, Trajectory
 from robot_energy_plan.motion.gcode import read_gcode
 from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
 from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
-from robot_energy_plan.prediction import START_NS
+from robot_energy_plan.prediction import START_NS, planned_block
 from robot_energy_rig import RigOutput, VirtualRig, load_profile
 from robot_energy_rig.record import outputs
 
@@ -192,7 +191,7 @@ def predicted(
     paths: list[Trajectory] = []
     powers: list[PowerBlock] = []
     for time, path in blocks:
-        _keep(powers, pipeline.step(_block(time, path), warm, planned=True))
+        _keep(powers, pipeline.step(planned_block(time, path), warm, planned=True))
         warm = None
         times.append(time)
         paths.append(path)
@@ -282,9 +281,3 @@ def _integral(power: Float, time: Float) -> Float:
 def _keep(powers: list[PowerBlock], output: Output) -> None:
     if output.power is not None:
         powers.append(output.power)
-
-
-def _block(time: Float, path: Trajectory) -> JointBlock:
-    stamp = START_NS + np.rint(time * 1e9).astype(np.int64)
-    block = joint_block(stamp, path.joint_position, path.joint_velocity)
-    return replace(block, joint_acceleration=path.joint_acceleration)

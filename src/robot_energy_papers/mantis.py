@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float
-from robot_energy_identify.data.recordings import Recording, read_recording
-from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.data.recordings import Recording, channels_of, read_recording
 from robot_energy_identify.drives.drive_data import BRIDGED
 from robot_energy_identify.drives.drive_power import DrivePowerTopics, MeasuredDrivePower
 from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
@@ -47,7 +46,6 @@ class PrintRun:
 
     Attributes:
         begin: First instant of the motion itself. [ns]
-        end: Its last instant. [ns]
     """
 
     recording: Recording
@@ -203,15 +201,6 @@ def identify_mechanics(
     runs: Sequence[PrintRun], model: RobotModel, method: Literal["ols", "wls"]
 ) -> Dynamics:
     """Return bodies and friction that are identified from excitation runs."""
-    channels: list[Channels] = []
-    for run in runs:
-        torque = run.recording.torque
-        channels += stretches(
-            torque.stamp_ns,
-            torque.segment,
-            torque.joint_position,
-            torque.motor_torque_measured,
-            channels[0].rate if channels else None,
-        )
+    channels = channels_of([run.recording.motion for run in runs])
     columns = standard_columns(SIGN_VELOCITY)
     return identify_dynamics(channels, model, DynamicsSettings(columns, method))

@@ -61,7 +61,6 @@ class Identified:
         total: Drive losses behind the grid meter; None where the data do not determine them.
         models: By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.
         fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
-        notes: What was decided on the way, one sentence each.
     """
 
     fits: tuple[FrictionFit, ...]

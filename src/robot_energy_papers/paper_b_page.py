@@ -14,7 +14,6 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drives import Way
-from robot_energy_papers.accuracy import DEFINITIONS, Accuracy
 from robot_energy_papers.drawings import (
     GREY,
     FigureLine,
@@ -28,10 +27,12 @@ from robot_energy_papers.machines import ARM, MACHINES, PARTS, Energies
 from robot_energy_papers.pages import Piece, hundred
 from robot_energy_papers.paper_b import (
     BOTH,
+    DEFINITIONS,
     SLOWED,
     VALIDATION,
     WALL,
     WALL_HELD,
+    Accuracy,
     PaperB,
     Trained,
 )

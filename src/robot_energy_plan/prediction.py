@@ -2,7 +2,8 @@
 
 The motion is known, so its accelerations are taken as they are instead of being derived from
 samples (`EnergyPipeline.plan`); torque, friction, drives, cabinet and energy account are those
-of live operation and replay. Motor temperatures are assumed and held.
+of live operation and replay. Motor temperatures are assumed and held. A motion that the robot
+cannot make uses more than its limits (URDF specification, element `limit`).
 """
 
 from __future__ import annotations
@@ -22,20 +23,103 @@ from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.payload import Payload, several_carried
+from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
+from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.pipeline.work_sums import WorkSums
-from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, JointBlock, TemperatureBlock
-from robot_energy_plan.limit_utilisation import LimitUse
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    PLAUSIBLE_DEGC,
+    Float,
+    Int,
+    JointBlock,
+    PowerBlock,
+    TemperatureBlock,
+    TorqueBlock,
+)
 from robot_energy_plan.motion.planned import MAX_DURATION, PlannedMotion, planned_ns, repeated
 from robot_energy_plan.motion.ptp import Trajectory
 from robot_energy_plan.options import PredictOptions
 
+ROUNDING = 1e-6  # by which a use may exceed 1 and still be within the limit
+SAME = 0.02  # of the limit, within which two motions use as much of it
 START_NS = 1_000_000_000  # stamps of 0 mean that there is none
 POINTS = 1500  # of the curve of power, at most
 MIN_PERIOD = 0.02  # s
 MAX_REPEATS = 100_000
 MAX_SAMPLES = 5_000_000  # of all repetitions: minutes of work, and hours of motion
+
+
+class LimitUse:
+    """Greatest share of the speed and torque limits of the URDF, joint by joint.
+
+    The torque is that of the drive at the joint: bodies, rotor and friction.
+
+    Attributes:
+        speed: Greatest speed over its limit, NaN where there is no limit, shape (n,). [-]
+        torque: Greatest torque or force over its limit, same. [-]
+    """
+
+    def __init__(self, model: RobotModel, limits: JointLimits, start_ns: int) -> None:
+        self._limits = limits
+        self._drivetrain = Drivetrain.from_model(model)
+        self._start_ns = start_ns
+        size = len(limits.joint_names)
+        self.speed: Float = np.where(np.isfinite(limits.velocity), 0.0, np.nan)
+        self.torque: Float = np.where(np.isfinite(limits.effort), 0.0, np.nan)
+        self._outside: Float = np.zeros(size)  # rad or m beyond the range of positions
+        self._when = {name: np.zeros(size) for name in ("speed", "torque", "outside")}  # s
+
+    def motion(self, block: TorqueBlock) -> None:
+        """Take positions and speeds."""
+        limits, position = self._limits, block.joint_position
+        outside = np.maximum(limits.lower - position, position - limits.upper)
+        self._outside = self._greater("outside", self._outside, outside, block.stamp_ns)
+        speed = np.abs(block.joint_velocity) / limits.velocity
+        self.speed = self._greater("speed", self.speed, speed, block.stamp_ns)
+
+    def drives(self, block: PowerBlock) -> None:
+        """Take the torques of the drives."""
+        torque = np.abs(self._drivetrain.joint_torque_from_motor(block.motor_torque))
+        use = torque / self._limits.effort
+        self.torque = self._greater("torque", self.torque, use, block.stamp_ns)
+
+    def _greater(self, name: str, known: Float, values: Float, stamp_ns: Int) -> Float:
+        row = np.argmax(values, axis=0)
+        found = values[row, np.arange(values.shape[1])]
+        more = found > known
+        time = (stamp_ns[row] - self._start_ns) * NANOSECOND
+        self._when[name] = np.where(more, time, self._when[name])
+        return np.where(more, found, known)
+
+    def sentences(self, given: LimitUse | None = None) -> list[str]:
+        """Return one sentence for each joint and limit that the motion exceeds.
+
+        Args:
+            given: Of a motion that the robot makes; what uses no more than it is left out.
+        """
+        found: list[str] = []
+        most = (1.0, 1.0) if given is None else (given.speed + SAME, given.torque + SAME)
+        most_speed, most_torque = (
+            np.broadcast_to(np.fmax(one, 1.0), self.speed.shape) for one in most
+        )
+        for joint, name in enumerate(self._limits.joint_names):
+            if self._outside[joint] > ROUNDING:
+                found.append(
+                    f"joint '{name}' is {self._outside[joint]:.4g} {self._limits.unit(joint)} "
+                    f"beyond its range at {self._when['outside'][joint]:.3f} s"
+                )
+            for what, use, limit in (
+                ("speed", self.speed, most_speed),
+                ("torque", self.torque, most_torque),
+            ):
+                if use[joint] > limit[joint] + ROUNDING:
+                    found.append(
+                        f"joint '{name}' needs {100 * use[joint]:.0f} % of its {what} limit at "
+                        f"{self._when[what][joint]:.3f} s: the robot cannot make this motion"
+                    )
+        return found
 
 
 @dataclass
@@ -48,7 +132,6 @@ class Prediction:
         one_temperature: Joints whose friction law is the same at every temperature.
         duration: Of all repetitions. [s]
         work: Path of the tool and work on the bodies.
-        notes: What a reader should know, one sentence each.
         payload: What was given: instead of what the model has on the same link, and besides what
             it has on others.
     """
@@ -89,8 +172,6 @@ def predict(
         motion: From start to end; its joints are matched by name.
         motor_temperature_degc: One for all motors, or shape (n,). [degC]
         notes: What a reader should know of the motion, one sentence each.
-        on_output: Called with what each step of the pipeline gave.
-        **options: See `PredictOptions`.
     """
     payload, auxiliary = options.get("payload", ()), options.get("auxiliary", {})
     repeat, max_samples = options.get("repeat", 1), options.get("max_samples", MAX_SAMPLES)
@@ -149,7 +230,7 @@ def predict(
         stamp_ns=np.array([START_NS]), motor_temperature_degc=temperature[None, :]
     )
     for time, path in repeated(motion, repeat):
-        take(pipeline.step(_joint_block(time, path, order), held, planned=True))
+        take(pipeline.step(planned_block(time, path, order), held, planned=True))
         held = None
         if progress is not None:
             progress(min(1.0, float(time[-1]) / duration))
@@ -224,7 +305,15 @@ def _order(model: RobotModel, joint_names: Sequence[str]) -> list[int]:
     return [list(joint_names).index(name) for name in model.joint_names]
 
 
-def _joint_block(time: Float, path: Trajectory, order: list[int]) -> JointBlock:
+def planned_block(
+    time: Float, path: Trajectory, order: list[int] | slice = slice(None)
+) -> JointBlock:
+    """Return a motion as the pipeline takes it; the first sample is at `START_NS`.
+
+    Args:
+        time: Since the start, shape (N,). [s]
+        order: Joints of the model among those of the motion.
+    """
     stamp = START_NS + planned_ns(time)
     states = (path.joint_position, path.joint_velocity, path.joint_acceleration)
     position, velocity, acceleration = (np.ascontiguousarray(one[:, order]) for one in states)

@@ -1,4 +1,12 @@
-"""Robots on one DC bus: their powers side by side, recorded together or planned in one cycle."""
+"""Robots on one DC bus: what the drives of one feed back, those of another use.
+
+With ``D_i = P_dc,i + P_l,dc,i`` of each robot, its own rectifier gives ``max(D_i, 0)`` and its own
+resistor takes ``max(-D_i, 0)`` (paper A, section II). On one bus the rectifiers give
+``max(sum_i D_i, 0)``, as diodes feed nothing back, and the resistor takes what is left below 0.
+Capacitors are in parallel, ``C = sum_i C_i``. Saved is ``S = sum_i E_i - E``; without capacitors
+and regenerative supplies losses are the same, and S is what the resistors no longer take. The
+powers are recorded together, or planned in one cycle.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +18,139 @@ import numpy as np
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.model.schema import Cabinet, Capacitor
+from robot_energy.physics.cabinet import CabinetStage
 from robot_energy.physics.drivetrain import motor_rest
+from robot_energy.physics.equations import Balance
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
-from robot_energy_plan.bus_exchange import BusExchange, exchange
 from robot_energy_plan.motion.planned import STEP, PlannedMotion
 from robot_energy_plan.optimization.deviations import DeviationSums
 from robot_energy_plan.optimization.levelling import Levelling, drawn, level_starts, samples_of
 from robot_energy_plan.prediction import predict
 
+ROOM = 0.8  # of the energy of their capacitors, on one bus of robots with other voltages [-]
 MAX_STEPS = 500_000  # of a cycle
 ROUNDING = 1e-3  # s, by which a motion may be longer than its cycle
+
+
+@dataclass(frozen=True)
+class BusExchange:
+    """Power flows of the same robots on supplies of their own and on one bus.
+
+    Attributes:
+        stamp_ns: Shape (N,). [ns]
+        tight: As `shared`, but with `ROOM` of the capacitors.
+    """
+
+    stamp_ns: Int
+    own: tuple[Balance, ...]
+    shared: Balance
+    tight: Balance
+
+    @property
+    def duration(self) -> float:
+        """Over which all powers are known. [s]"""
+        return float(self._energy(np.ones_like(self.shared.grid_power)))
+
+    def grid_energy(self, flows: Balance) -> float:
+        """Return the energy from the grid, less what a regenerative supply returns. [J]"""
+        return self._energy(flows.grid_power)
+
+    def brake_energy(self, flows: Balance) -> float:
+        """Return the energy into the brake resistor. [J]"""
+        return self._energy(flows.brake_power)
+
+    def peak_power(self, flows: Sequence[Balance]) -> float:
+        """Return the greatest power from the grid of several supplies together. [W]"""
+        return float(np.nanmax(sum(one.grid_power for one in flows)))
+
+    def after(self, start_ns: int) -> BusExchange:
+        """Return the part from an instant on, such as a cycle after one that charged capacitors."""
+        rows = np.flatnonzero(self.stamp_ns >= start_ns)
+        own = tuple(one.at(rows) for one in self.own)
+        return BusExchange(self.stamp_ns[rows], own, self.shared.at(rows), self.tight.at(rows))
+
+    @property
+    def saved(self) -> float:
+        """S, the energy that one bus saves. [J]"""
+        return sum(map(self.grid_energy, self.own)) - self.grid_energy(self.shared)
+
+    @property
+    def for_want_of_room(self) -> float:
+        """What the bus saves less where its capacitors have `ROOM`. [J]"""
+        return self.grid_energy(self.tight) - self.grid_energy(self.shared)
+
+    def _energy(self, power: Float) -> float:
+        """Trapezoids between samples at which every robot is known (paper A, eq. 7)."""
+        power = np.where(np.isfinite(self.shared.grid_power), power, np.nan)
+        time = np.diff(self.stamp_ns) * NANOSECOND
+        return float(np.nansum(0.5 * (power[1:] + power[:-1]) * time))
+
+
+def shared_cabinet(cabinets: Sequence[Cabinet], room: float = 1.0) -> Cabinet:
+    """Return the cabinet of one bus for several robots.
+
+    Constant losses add up, as each robot keeps its controller; capacitances add up between the
+    highest rectified voltage, at which the bus stands, and the lowest chopper voltage, at which the
+    first resistor starts. Where some supply is regenerative, the best one returns what is left.
+
+    Args:
+        room: Share of the capacitances that is there. [-]
+    """
+
+    def derived(value: float) -> PositiveFigure:
+        return PositiveFigure(value=value, tag="derived", source="of the robots on one bus")
+
+    capacitors = [one.capacitor for one in cabinets if one.capacitor is not None]
+    capacitor = None
+    if capacitors:
+        nominal = max(one.nominal_voltage.value for one in capacitors)
+        chopper = min(one.chopper_voltage.value for one in capacitors)
+        if nominal >= chopper:
+            raise MotionError(
+                f"one rectifier gives {nominal:g} V, and another chopper starts at {chopper:g} V",
+                "robots whose DC links have about the same voltage",
+            )
+        capacitor = Capacitor(
+            capacitance=derived(room * sum(one.capacitance.value for one in capacitors)),
+            nominal_voltage=derived(nominal),
+            chopper_voltage=derived(chopper),
+        )
+    returned = [
+        one.regeneration_efficiency.value
+        for one in cabinets
+        if one.regeneration_efficiency is not None
+    ]
+    return Cabinet(
+        loss_grid=derived(sum(one.loss_grid.value for one in cabinets)),
+        loss_dc=derived(sum(one.loss_dc.value for one in cabinets)),
+        regeneration_efficiency=derived(max(returned)) if returned else None,
+        capacitor=capacitor,
+    )
+
+
+def exchange(stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet]) -> BusExchange:
+    """Return the flows of robots on supplies of their own, and on one bus.
+
+    Args:
+        stamp_ns: Rising, shape (N,). [ns]
+        bus_power: P_dc of each robot, drive inputs without constant losses, shape (R, N); NaN
+            where one is not known, which is not counted for any. [W]
+        cabinets: Of each robot; capacitors are empty at the start.
+    """
+    known = bus_power + 0.0 * bus_power.sum(axis=0)  # NaN for all where one is
+    segment, total = np.zeros(len(stamp_ns), dtype=np.int64), known.sum(axis=0)
+    shared, tight = (
+        CabinetStage(shared_cabinet(cabinets, room)).step(stamp_ns, segment, total)
+        for room in (1.0, ROOM)
+    )
+    own = tuple(
+        CabinetStage(cabinet).step(stamp_ns, segment, power)
+        for cabinet, power in zip(cabinets, known, strict=True)
+    )
+    return BusExchange(stamp_ns, own, shared, tight)
 
 
 @dataclass
@@ -28,9 +158,7 @@ class BusRobot:
     """What one robot gives the bus and takes from it, as the pipeline finds it.
 
     Attributes:
-        name: Of its program or recording.
         deviations: What errors of the model do to its energies.
-        notes: What a reader should know of it, one sentence each.
         problems: What makes its figures doubtful, one sentence each.
     """
 
@@ -42,12 +170,7 @@ class BusRobot:
     def __post_init__(self) -> None:
         self.deviations = DeviationSums(self.model)
         self._parts: list[tuple[Int, Int, Float]] = []
-        self._moving = False
-
-    @property
-    def moves_at_end(self) -> bool:
-        """Whether some motor turns at the last sample."""
-        return self._moving
+        self.moves_at_end = False  # some motor turns at the last sample
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave."""
@@ -55,7 +178,7 @@ class BusRobot:
         if output.power is not None and len(block := output.power):
             self._parts.append((block.stamp_ns, block.segment, block.bus_power))
             speed = np.abs(block.motor_velocity[-1])
-            self._moving = bool((speed > motor_rest(self.model)).any())
+            self.moves_at_end = bool((speed > motor_rest(self.model)).any())
 
     def power(self) -> tuple[Int, Float]:
         """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap."""

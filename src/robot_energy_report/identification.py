@@ -25,6 +25,7 @@ from robot_energy_identify.thermal.network import ThermalFit
 from robot_energy_report.canvas import COLOURS, Target, canvas
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
+    counted,
     fixed,
     grouped,
     percent,
@@ -239,6 +240,16 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
     )
     _deviations_table("W", fit.parts, page)
     page.notes(fit.notes)
+    fan = fit.fan
+    if fan is not None:
+        page.note(
+            f"a fan takes {uncertain(fan.power, fan.std)} W once the warmest motor is above "
+            f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {fan.rests} rests of "
+            f"{counted(fan.recordings, 'recording')}; with a meter for all drives its power is "
+            "then fitted together with their losses"
+        )
+    elif fit.fan_reason:
+        page.note(f"fan: {fit.fan_reason}")
 
 
 def _deviations_table(unit: str, parts: Mapping[str, Mapping[str, float]], page: Document) -> None:

@@ -34,6 +34,7 @@ def model_document(report: ModelReport, page: Document) -> None:
         ),
         ("braking energy", "returned to the grid" if report.regenerates else "to the resistor"),
         ("DC-link capacitor", "modelled" if report.capacitor else "not modelled"),
+        ("fan", "modelled" if report.fan else "not modelled"),
         (
             "temperature",
             f"{report.fallback_temperature_degc:g} degC where none is known or it "

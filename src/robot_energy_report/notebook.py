@@ -103,16 +103,11 @@ def plot(shown: Any, what: str | None = None, axes: Axes = None) -> Axes:
     """Draw one aspect of a result, a model or a table: see ``Shown.plot``.
 
     Args:
-        shown: What has it.
         what: Which; None: the first that it has.
         axes: Where to; None: a new figure.
 
     Returns:
         The axes.
-
-    Raises:
-        ReportError: If this cannot be drawn of it.
-        MissingExtraError: If matplotlib is not installed.
     """
     power = shown if isinstance(shown, TimeSeries) else getattr(shown, "power", None)
     energy, joints = getattr(shown, "energy", None), getattr(shown, "joints", None)

@@ -89,7 +89,7 @@ def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) ->
         means = result.means
         if means is None:
             continue
-        power = means.mean("grid_import") - means.mean("grid_return")
+        power = means.predicted_power
         time = (means.stamp_ns - START_NS) * 1e-9
         axes.plot(
             (time - 0.5 * means.period) / second, power, DASHES[index // len(SERIES) % len(DASHES)],

@@ -6,8 +6,13 @@ Whatever is shown on the rig is labelled so; it proves the method, not a robot.
 from robot_energy_rig.config import RigConfig, Sensors
 from robot_energy_rig.lubricant import Lubricant
 from robot_energy_rig.output import RigJoints, RigOutput, Truth
-from robot_energy_rig.profile import HardEffects, PlantProfile, SupplyProfile, load_profile
-from robot_energy_rig.random_plant import random_profile
+from robot_energy_rig.profile import (
+    HardEffects,
+    PlantProfile,
+    SupplyProfile,
+    load_profile,
+    random_profile,
+)
 from robot_energy_rig.virtual_rig import VirtualRig
 
 __all__ = [

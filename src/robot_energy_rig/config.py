@@ -162,9 +162,6 @@ class RigConfig:
 
         Args:
             effects: Names of switches.
-
-        Raises:
-            RigError: If there is no such switch.
         """
         return self._switched(effects, on=False)
 

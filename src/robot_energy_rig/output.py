@@ -111,9 +111,6 @@ class RigOutput:
 
         Args:
             outputs: At least one.
-
-        Raises:
-            ShapeError: If there is nothing to join.
         """
         temperatures = [o.temperatures for o in outputs if o.temperatures is not None]
         meters = [o.meter for o in outputs if o.meter is not None]

@@ -197,10 +197,6 @@ class ThermalNetwork:
         motor_temperature_degc: Now, shape (n,). [degC]
         gear_temperature_degc: Now, shape (n,). [degC]
         ambient_degc: Now. [degC]
-
-    Raises:
-        RigError: If a step is long against the fastest time constant, so that friction
-            could not follow.
     """
 
     def __init__(

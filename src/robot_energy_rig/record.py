@@ -157,9 +157,6 @@ def outputs(rig: VirtualRig, duration: float, step: float = STEP) -> Iterator[Ri
 
     Yields:
         The pieces.
-
-    Raises:
-        RigError: If less than one sample was asked for.
     """
     if not (duration > 0 and step > 0 and np.isfinite(duration)):
         raise RigError(f"a run of {duration} s in steps of {step} s was asked for", "times > 0 s")
@@ -195,9 +192,6 @@ def record(
         auxiliary: Record a pump and an extruder as well (`rig.auxiliary`): meters on
             ``/auxiliary/NAME/power`` (PowerReading), states on ``/auxiliary/NAME/state``
             (std_msgs/UInt8).
-
-    Raises:
-        RigError: If the duration makes no sense.
     """
     pieces = outputs(rig, duration)
     first = next(pieces, None)

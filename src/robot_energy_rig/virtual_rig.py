@@ -77,7 +77,6 @@ class VirtualRig:
     """Plays one robot with its cabinet, thermometers and grid meter.
 
     Args:
-        profile: The plant.
         program: What the robot does, from its start onward.
         config: Effects and sensors; everything on by default.
         seed: The same seed gives the same bytes.
@@ -94,10 +93,6 @@ class VirtualRig:
         joint_names: Names, in the order of every array.
         samples: How many samples were handed out.
         seed: As given.
-
-    Raises:
-        RigError: If the figures make no sense together.
-        ModelFileError: If the profile's body is not a model.
     """
 
     def __init__(
@@ -198,9 +193,6 @@ class VirtualRig:
 
         Args:
             n_samples: How many samples, >= 1.
-
-        Raises:
-            RigError: If ``n_samples`` is not positive.
         """
         if n_samples < 1:
             raise RigError(f"a step of {n_samples} samples was asked for", "at least 1")

@@ -27,8 +27,7 @@ from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import Float, Int, Phase
-from robot_energy_identify.api.identify import identify_friction
-from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_plan.motion import random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, load_profile, random_profile

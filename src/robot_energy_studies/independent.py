@@ -21,7 +21,7 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_identify.api.identify import identify_all
 from robot_energy_papers.experiment import (
     DWELL,
     LEAD,

@@ -17,11 +17,12 @@ from robot_energy.model.payload import payload
 from robot_energy.timeline.blocks import Learning
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_studies.learning_study import joint_block, pipeline_of, work
-from robot_energy_studies.wear_rows import DAY_HOURS, HIDDEN
 
 COLD, HOT = 15.0, 60.0  # of the hall [degC]
 RATE = 25.0  # of the joint states [Hz]
 CHANGE_EVERY = 30  # min between two payloads
+HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
+DAY_HOURS = 24  # h
 
 
 @dataclass(frozen=True)

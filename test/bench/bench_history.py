@@ -29,8 +29,7 @@ from robot_energy_history.rollup import Rolled, curve_id
 from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff, add_tariffs
-from robot_energy_report.page.history_savings import savings_answer, savings_wish
-from robot_energy_report.page.history_view import HistoryView
+from robot_energy_report.page.history_view import HistoryView, savings_answer, savings_wish
 
 IMPORT = "predicted_import_microjoule"
 REPEATS = 5

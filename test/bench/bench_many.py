@@ -24,7 +24,7 @@ LOOKING = 30.0  # until all robots are found [s]
 
 def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, bool]]:
     """Measure both nodes next to one process that publishes for all robots."""
-    from ros2_energy_monitor.demo.demo_page import free_port
+    from ros2_energy_monitor.demo.demo import free_port
     from ros2_energy_monitor.demo.processes import NodeProcesses
 
     seconds = 20.0 if quick else 120.0

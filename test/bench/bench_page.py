@@ -43,7 +43,7 @@ SLOW = 200  # clients that never read or never end their request
 
 def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, bool]]:
     """Measure a page of one robot."""
-    from ros2_energy_monitor.demo.demo_page import free_port
+    from ros2_energy_monitor.demo.demo import free_port
     from ros2_energy_monitor.demo.processes import NodeProcesses
 
     environment = {
@@ -186,7 +186,7 @@ def _exporter(nodes: Any) -> Iterator[int | None]:
     if broker is None:
         yield None
         return
-    from ros2_energy_monitor.demo.demo_page import free_port
+    from ros2_energy_monitor.demo.demo import free_port
 
     port = free_port()
     process = subprocess.Popen([broker, "-p", str(port)], stderr=subprocess.DEVNULL)

@@ -9,17 +9,20 @@ import argparse
 import math
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from statistics import median
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
 from robot_energy.timeline.blocks import Learning
 from robot_energy_rig import RigConfig, load_profile, random_profile
 from robot_energy_studies.learning_study import learning_study
 from robot_energy_studies.wear_shift import Shift, detection
-from robot_energy_studies.wear_study import FoundRow, SimulatedRow, meter_only, simulated
+from wear_study import FoundRow, SimulatedRow, meter_only, simulated
 
 LAST = 10  # minutes over which the error at the end is taken
 PLANTS = (("kr16", 623), ("irb4600", 624), ("kr16", 625), ("kr16", 626))

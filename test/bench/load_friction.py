@@ -94,7 +94,9 @@ def error(model: RobotModel, joint: int, fit: FrictionFit, test: FrictionData) -
     )
     coulomb = np.broadcast_to(friction.coulomb, shape)
     standing = np.zeros(shape, dtype=np.bool_)
-    torque = friction.torque(speed, rigid, coulomb, friction.viscous(degc), standing)[:, joint]
+    torque = friction.torque(
+        speed, coulomb, friction.viscous(degc), motor_torque_rigid=rigid, standing=standing
+    )[:, joint]
     return relative_error(torque - test.friction_torque, test.friction_torque)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from robot_energy.model import load
 from robot_energy.model.schema import Meter
 from robot_energy.replay.bag_replay import replay
-from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_identify.api.identify import identify_all
 
 BAGS = Path(__file__).parents[2] / "bags"
 TRAINING = [BAGS / f"drawn_train_{name}" for name in ("cold", "middle", "warm")]

@@ -26,7 +26,7 @@ from warm_robots import BODIES, RATE, SOAKED, WarmPlant
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, Float, PowerBlock
-from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_identify.api.identify import identify_all
 from robot_energy_report.printing import table
 from robot_energy_rig import RigConfig
 from robot_energy_rig.output import RigOutput

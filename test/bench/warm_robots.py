@@ -18,8 +18,7 @@ import numpy as np
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.blocks import EffortMeaning, Float
-from robot_energy_identify.api.identify import identify_friction
-from robot_energy_identify.api.identify_all import identify_all
+from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_plan.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
 from robot_energy_rig.output import RigOutput
@@ -125,7 +124,11 @@ class WarmPlant:
         return 0.2
 
     def models(self) -> dict[str, RobotModel]:
-        """Return the models by what their friction follows: gears, and motors as without them."""
+        """Return the models by what they follow.
+
+        ``motor`` and ``gear`` are what friction follows, with drives and constants of the short
+        recordings; ``all`` has them and a fan from the warm-up as well.
+        """
         bags = [
             record(
                 self.rig(number, self.program(number, 0.5, 1.0), degc), SHORT,
@@ -137,7 +140,10 @@ class WarmPlant:
         rig = self.rig(0, self.program(0, 1.0, self.override), AMBIENT)
         warm_up = record(rig, WARM_UP, self._folder / "warm_up").path
         gear = identify_friction([*bags, warm_up], motor.model, "motor_torque")
-        return {"motor": motor.model, "gear": gear.model}
+        every = identify_all(
+            [*bags, warm_up], self.body, "motor_torque", held_out=False, skip=["thermal"]
+        )
+        return {"motor": motor.model, "gear": gear.model, "all": every.model}
 
     def runs(self) -> Iterator[tuple[str, list[RigOutput]]]:
         """Yield the runs of the test by name."""

@@ -2,9 +2,10 @@
 
     python test/bench/warm_up.py [--plants 10] [--first 300] [--without EFFECT ...]
 
-Drawn plants of the virtual rig (simulated), identified from three short recordings and one warm-up;
-another program of an hour from cold, one with a rest of half an hour, and one that starts with
-gears 8 K warmer than their motors. Errors of energy over the whole run and over five minutes, and
+Drawn plants of the virtual rig (simulated), identified from three short recordings and one warm-up
+(``all``: drives, constants and a fan of the cabinet from the warm-up, too); another program of an
+hour from cold, one with a rest of half an hour, and one that starts with gears 8 K warmer than
+their motors. Errors of energy over the whole run and over five minutes, and
 of the friction power of each joint; the error of each five minutes that begin ten minutes after the
 wrong start or later, and its step over the rest.
 """

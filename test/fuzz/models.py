@@ -125,7 +125,7 @@ def inputs_seeds() -> list[bytes]:
 
 
 def state_file(data: bytes) -> bool:
-    """State files are continued or moved aside; what a newer release wrote stays, with a word."""
+    """State files are continued or moved aside."""
     model, account = robots.two_link(), EnergyAccount(2)
     folder = scratch() / "state"
     shutil.rmtree(folder, ignore_errors=True)

@@ -257,7 +257,7 @@ class Harness:
     def _check_files(self, died_ns: int) -> None:
         """Read the slots as the next monitor will, and compare with what was published."""
         records = []
-        for path in sorted(self._state.glob("*.state")):
+        for path in self._slots():
             try:
                 sequence, payload = unwrap(FORMAT_VERSION, path.read_bytes())
                 records.append((sequence, AccountRecord.from_json(payload)))
@@ -323,8 +323,12 @@ class Harness:
         ]  # fmt: skip
 
     def _final_record(self) -> AccountRecord:
-        states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in self._state.glob("*.state")]
+        states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in self._slots()]
         return AccountRecord.from_json(max(states)[1])
+
+    def _slots(self) -> list[Path]:
+        """The files of the registers; what is learned has files of another format."""
+        return [path for path in self._state.glob("*.state") if "-learned-" not in path.name]
 
 
 def nanoseconds(stamp: Any) -> int:

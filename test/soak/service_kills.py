@@ -168,7 +168,7 @@ class ServiceHarness(Harness):
 
     def _check_files(self, died_ns: int) -> None:
         records = []
-        for path in sorted(self._state.glob("*.state")):
+        for path in self._slots():
             try:
                 sequence, payload = unwrap(FORMAT_VERSION, path.read_bytes())
                 records.append((sequence, AccountRecord.from_json(payload)))
@@ -189,7 +189,6 @@ class ServiceHarness(Harness):
         self._forgotten += not set(self._open) <= names
         reasons = [one.text for one in newest.trace if one.kind == "reset"]
         self._forgotten += bool(self._reset) and self._reset not in reasons
-        self._wrong += bool(newest.repairs)
         self._wrong += newest.totals.gap_ns > (len(self._deaths) + self._steps) * 1100 * HOUR_NS
         if newest.end_ns is not None:
             self._moving, self._restored_ns = False, newest.end_ns
@@ -227,10 +226,6 @@ class ServiceHarness(Harness):
         ):
             figures.append(Figure(what, count, "0", not count))
         return figures
-
-    def _final_record(self) -> AccountRecord:
-        states = [unwrap(FORMAT_VERSION, path.read_bytes()) for path in self._state.glob("*.state")]
-        return AccountRecord.from_json(max(states)[1])
 
 
 def main() -> int:

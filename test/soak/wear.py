@@ -8,7 +8,7 @@ from statistics import median
 from figure import Figure
 
 from robot_energy_rig import random_profile
-from robot_energy_studies.wear_study import simulated, worn_in_plant
+from wear_study import simulated, worn_in_plant
 
 MINUTES = (15.0, 2.0)
 PLANTS = (3, 7, 11)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model.schema import Cabinet
-from robot_energy_plan.bus_exchange import exchange, shared_cabinet
+from robot_energy_plan.shared_bus import exchange, shared_cabinet
 from robots import figure
 
 POWER, LOSS, HALF = 1000.0, 150.0, 2.0  # W, W, s

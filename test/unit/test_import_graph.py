@@ -20,15 +20,15 @@ MODULES = {
     """,
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
-        load_curve meter_checks meter_response plain_text power_curve record record_repair registers
+        load_curve meter_checks meter_response plain_text power_curve record registers
         sample_counts totals
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_summary mcap_writer metadata ownership packed
-        reader sources sqlite_source time_range writer
+        mcap_block mcap_file mcap_records mcap_writer metadata packed
+        reader sources sqlite_source writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store plan schema types walk
+        batch decode encode plan schema types walk
     """,
     "robot_energy.certainty": """
         band band_calibration deviation energy_calibration friction_certainty
@@ -36,18 +36,18 @@ MODULES = {
     """,
     "robot_energy.condition": """
         baseline buckets drift joint_friction learner meter_fit meter_windows
-        programs record thermal_observer wear wear_records
+        programs record thermal_observer thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file errors extras kinds options process_memory schema_errors shown
-        shown_text stopping time_zone units
+        blas_threads config_file described errors extras kinds options process_memory schema_errors
+        shown shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
-        first_bytes output_files output_folder placement private_file
-        regular_file temporary_folder xml_encoding
+        first_bytes output_files output_folder placement
+        regular_file temporary_folder
     """,
     "robot_energy.inputs": """
-        auxiliary bag_topics inputs_file parameters rejection_log sources
+        auxiliary bag_topics inputs_file options parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states jumps partial_states plausibility publisher_conflicts
@@ -85,7 +85,7 @@ MODULES = {
         auxiliary base condition energy model normalised replay
     """,
     "robot_energy.store": """
-        account_store adoption condition_store envelope slot_store slots state_files
+        account_store condition_store envelope slot_store slots
     """,
     "robot_energy.timeline": """
         blocks epochs pieces stamps streams time_series
@@ -100,11 +100,11 @@ MODULES = {
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
-        findings fleet_run history_tables identify joint_sums merged_friction
+        findings fleet_run history_tables identify joint_sums
         merged_laws options report sisters tables wear_history workers
     """,
     "robot_energy_fleet.advice": """
-        advise claims dataset_evidence evidence speeds
+        advise claims dataset_evidence evidence
     """,
     "robot_energy_fleet.documents": """
         advice fleet fleet_figures
@@ -120,17 +120,16 @@ MODULES = {
         bounds causes options plausibility provenance run_all steps
     """,
     "robot_energy_identify.api": """
-        bag_source evaluate identify identify_all
+        bag_source evaluate identify
     """,
     "robot_energy_identify.auxiliary": """
         readings states
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link link_errors link_readings supply
+        cabinet dc_link fan link_errors link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
-        cause_search evidence finding meter motion payload possible_causes process remedies run
-        torque torque_fit windows
+        evidence finding meter motion possible_causes process remedies run torque torque_fit
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings rest signals thinned
@@ -153,7 +152,7 @@ MODULES = {
         check drives dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        actuators arm description joints model_text priors
+        actuators arm description model_text priors
     """,
     "robot_energy_identify.stats": """
         autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
@@ -162,33 +161,31 @@ MODULES = {
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns instants log_formats log_import mapped_log mapping recording
-        rows table text_table ur_rtde
+        cells columns instants log_formats log_import mapping recording rows table
+        text_table ur_rtde
     """,
     "robot_energy_papers": """
-        accuracy boat calibration drawings drive_study experiment held_out job_pool
-        kr16_sensitivity machines mantis map_sensitivity models pages paper_a paper_a_page
-        paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
+        boat calibration drawings drive_study experiment held_out job_pool machines mantis
+        map_sensitivity models pages paper_a paper_a_page paper_b paper_b_page sensitivity
+        soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        bus_exchange consecutive limit_utilisation options prediction shared_bus
+        consecutive options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
     """,
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
-        joint_trajectory load_motion planar planned point_columns ptp ptp_file ptp_loop
-        sampled_motion sequence slicing tool_corners tool_motion tool_path tool_timing
-        trajectory_io
+        joint_trajectory load_motion planar planned ptp ptp_file ptp_loop sampled_motion
+        sequence slicing tool_corners tool_motion tool_path tool_timing trajectory_io
     """,
     "robot_energy_plan.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures plan
-        program_form ptp_form recorded_motion rest_states search task time_law
-        timed_moves trajectory_form
+        program_form ptp_form rest_states search task time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         common_supply optimization prediction shared_bus
@@ -196,27 +193,26 @@ MODULES = {
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline
         held_out history_month html identification identify_all jobs layout model notebook
-        optimization parameters prediction prediction_figure printing recordings repeats replay
+        optimization prediction prediction_figure printing recordings repeats replay
         replay_figures series shared_bus
     """,
     "robot_energy_report.layouts": """
-        foxglove plotjuggler plots viewers
+        plots viewers
     """,
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures
-        history_period history_routes history_savings history_view hub json_numbers messages
+        history_period history_routes history_view hub json_numbers messages
         metrics phase_totals recording robot_state rows saved_page settings terms
         web_app web_server
     """,
     "robot_energy_rig": """
-        auxiliary config lubricant output plant profile random_plant record sensors supply
+        auxiliary config lubricant output plant profile record sensors supply
         virtual_rig
     """,
     "robot_energy_studies": """
         advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
         friction_terms generated_fleet independent independent_page interval_coverage judged_savings
-        learning_study left_out savings savings_page savings_study thermal_study wear_cycle
-        wear_rows wear_shift wear_study
+        learning_study left_out savings savings_page savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots
@@ -259,9 +255,9 @@ LAYERS = {
         ("replay.api", "pipeline.online_monitor"),
     ),
     "robot_energy_plan": (
-        ("motion", "optimization.rest_states", "consecutive", "limit_utilisation"),
+        ("motion", "optimization.rest_states", "consecutive"),
         ("options",),
-        ("bus_exchange", "prediction", "optimization", "shared_bus"),
+        ("prediction", "optimization", "shared_bus"),
         ("results",),
         ("api",),
     ),

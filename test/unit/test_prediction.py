@@ -6,8 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from robot_energy.certainty.band import energy_variances
 from robot_energy.foundation.errors import MotionError, UnknownJointError
+from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.payload import payload
+from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import Phase, Quality
 from robot_energy_plan.motion import MotionLimits, Program
 from robot_energy_plan.motion.planned import SampledMotion, repeated
@@ -49,6 +52,25 @@ def test_a_wheel_that_is_turned_gently_as_worked_out_by_hand():
     # Highest: at the end of the ramp up, 3 * 1 * 2 + 5 * 2 + 2 * 2^2 + 50 W.
     assert result.account.counts.peak_power == pytest.approx(6 + 10 + 8 + 50, rel=1e-3)
     assert result.account.phase_time(Phase.HOLD) == pytest.approx(2.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("degc", "runs"), [(49.0, 1.0), (43.0, 0.5), (39.0, 0.0)])
+def test_a_fan_takes_its_power_at_a_motor_temperature_above_its_start(degc, runs):
+    """12 W on the grid side, from 45 degC on and until 40: between them half, +- half."""
+    known = {"tag": "assumed", "std": 0.0}
+    figures = {"power": (12.0, PositiveFigure), "on_above_degc": (45.0, Figure),
+               "hysteresis": (5.0, PositiveFigure)}  # fmt: skip
+    fan = CabinetFan(**{key: kind(value=value, **known) for key, (value, kind) in figures.items()})
+    model = one_wheel()
+    other = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+    before, after = (predict(one, wheel(1.0), degc) for one in (model, other))
+    old, new = (prediction_report(one).energy for one in (before, after))
+    assert new.loss_grid - old.loss_grid == pytest.approx(12.0 * runs * after.duration, rel=1e-9)
+    assert new.grid_import - old.grid_import == pytest.approx(new.loss_grid - old.loss_grid)
+    assert new.balanced
+    unsure = [energy_variances(one.account.registers.deviation).sum() for one in (before, after)]
+    expected = (12.0 * after.duration) ** 2 * runs * (1.0 - runs)
+    assert unsure[1] - unsure[0] == pytest.approx(expected, abs=1e-6 * unsure[0], rel=1e-6)
 
 
 def test_a_wheel_that_is_stopped_hard_feeds_the_brake_as_worked_out_by_hand():

@@ -27,7 +27,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import load_account
 from robot_energy.store.slot_store import Submit
-from ros2_energy_monitor.diagnostics.reporter import ERROR, OK, WARN, StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
 
 OPENING = 2.0  # how long configure waits for the disk [s]
 ANSWERING = 3.0  # how long the answer of a service does; the page gives up after 5 s [s]
@@ -76,7 +76,6 @@ class Checkpoints:
         self._waiting: deque[tuple[float, Callable[[bool], None]]] = deque()  # with their limits
         self._covered = 0  # the first of them, whose registers the checkpoint under way holds
         self._warning = ""
-        self._adopted = ""
         self._trouble = ""
         self._players = ""  # who plays the recording that is counted
         self.running = False
@@ -201,8 +200,6 @@ class Checkpoints:
             found.add(WARN, self._warning.rstrip("."))
         if store.is_aside:
             found.notes.append(self._recording())
-        if store.adopted:
-            found.add(OK, store.adopted)
         return found
 
     def _begin(self) -> None:
@@ -273,9 +270,6 @@ class Checkpoints:
             self._warning = notice
             self._log.warning(notice)
         self.store.notices.clear()
-        if self.store.adopted != self._adopted:
-            self._adopted = self.store.adopted
-            self._log.info(self._adopted)
         if self.store.trouble != self._trouble:
             if self.store.trouble:
                 self._log.error(self.store.trouble)

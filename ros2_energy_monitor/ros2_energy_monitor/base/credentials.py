@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, SecretStr
 
 from robot_energy.foundation.config_file import load
 from robot_energy.foundation.errors import CredentialsError
-from robot_energy.foundation.files.private_file import require_private
+from robot_energy.foundation.files.regular_file import require_private
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 

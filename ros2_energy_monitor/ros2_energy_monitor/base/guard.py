@@ -18,6 +18,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import wraps
 from typing import Any, TypeVar
 
@@ -74,11 +75,11 @@ class Guard:
         Args:
             accounts: Each account of the input, with how many messages have arrived for it.
         """
-        kept = [(rejections, rejections.copy(), arrived) for rejections, arrived in accounts]
+        kept = [(log, replace(log, rejected=log.rejected.copy()), n) for log, n in accounts]
 
         def lose() -> None:
-            for rejections, before, arrived in kept:
-                rejections.lose(before, arrived, INTERNAL_ERROR)
+            for log, before, arrived in kept:
+                log.lose(before, arrived, INTERNAL_ERROR)
             restart()
 
         return self.run(path, work, lose)

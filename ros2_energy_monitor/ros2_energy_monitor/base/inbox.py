@@ -20,10 +20,11 @@ from __future__ import annotations
 import time
 from bisect import bisect_left, insort
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
+import numpy as np
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import ROSClock
 from rclpy.event_handler import QoSSubscriptionEventType as Event
@@ -197,8 +198,6 @@ class ResubscribePolicy:
         return True
 
 
-# A message, its number as its publisher counts, and when the middleware received it [ns].
-Numbered = tuple[bytes, int | None, int]
 INACTIVE = "inactive"  # the reason under which messages are counted meanwhile
 
 
@@ -273,7 +272,8 @@ class Inbox:
         self._qos = qos
         self._depth = qos.depth
         self._arrived_ns: int | None = None
-        self._queue: deque[Numbered] = deque(maxlen=qos.depth)
+        # Messages, their numbers as their publishers count, when the middleware received them [ns].
+        self._queue: deque[tuple[bytes, int | None, int]] = deque(maxlen=qos.depth)
         self._sequences = MessageLossCounter(self.met)
         self._revival = None if renew_after is None else ResubscribePolicy(renew_after)
         self._met_before = 0  # publishers that earlier subscriptions have met
@@ -291,24 +291,24 @@ class Inbox:
             middleware, or of the node's clock where it is not the system's or the middleware
             gives none. None if there are no messages.
         """
-        taken = list(self._queue)  # by callbacks, or the trial in the constructor
-        self._queue.clear()
         if self.direct:
-            taken += self._take()
-        if not taken:
+            self._take()
+        if not self._queue:
             return None
-        messages = [message for message, _, _ in taken]
-        self._sequences.step([number for _, number, _ in taken if number is not None])
+        messages, numbers, received_ns = zip(*self._queue, strict=True)
+        self._queue.clear()
+        if None not in numbers:  # else the middleware does not count
+            self._sequences.step(list(numbers))
         self.received += len(messages)
         self.overflows += len(messages) >= self._depth
         self._arrived_ns = time.monotonic_ns()
         if self._revival is not None:
             self._revival.heard(time.monotonic())
         clock = self._node.get_clock()
-        now, system = clock.now().nanoseconds, True
+        now, times = clock.now().nanoseconds, np.array(received_ns, dtype=np.int64)
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
-            system = False
-        times = [ns if system and 0 < ns <= now else now for _, _, ns in taken]
+            times[:] = now
+        times[(times <= 0) | (times > now)] = now
         return RawBatch.from_messages(self.topic, self.msgtype, times, messages)
 
     def discard(self, rejections: RejectionLog) -> None:
@@ -392,22 +392,23 @@ class Inbox:
             return self._met_before + self.publishers, self.publishers
         return self._met_before + int(status.total_count), int(status.current_count)
 
-    def _take(self) -> Iterator[Numbered]:
-        """Yield from the queue of the middleware, at most as many as it holds."""
+    def _take(self) -> None:
+        """Queue what the queue of the middleware holds, as far as there is room."""
         handle = self._subscription.handle
         try:
             with handle:
-                for _ in range(self._depth):
+                while len(self._queue) < self._depth:
                     taken = handle.take_message(self._type, True)
                     if taken is None:
                         return
-                    yield _numbered(*taken)
+                    self._keep(*taken)
         except InvalidHandle:  # the node is being destroyed
             return
 
     def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""
-        self._queue.append(_numbered(message, info))
+        number = info.get("publication_sequence_number")
+        self._queue.append((message, number, int(info.get("received_timestamp") or 0)))
 
     def _fits(self) -> bool:
         """Try the internals of rclpy; a message that arrives meanwhile is kept."""
@@ -425,8 +426,3 @@ class Inbox:
         except (AttributeError, TypeError, IndexError, KeyError, NotImplementedError):
             return False
         return True
-
-
-def _numbered(message: bytes, info: dict[str, Any]) -> Numbered:
-    number = info.get("publication_sequence_number")
-    return message, number, int(info.get("received_timestamp") or 0)

@@ -247,8 +247,11 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def drain(self, inboxes: Sequence[Inbox]) -> list[RawBatch]:
         """Return one batch per inbox in which messages wait."""
-        batches = [self.guard.run(f"queue.{inbox.topic}", inbox.drain) for inbox in inboxes]
-        return [batch for batch in batches if batch is not None]
+        batches: list[RawBatch] = []
+        for inbox in inboxes:
+            if (batch := self.guard.run(f"queue.{inbox.topic}", inbox.drain)) is not None:
+                batches.append(batch)
+        return batches
 
     def _discard(self) -> None:
         for inbox, rejections in self.inputs:

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs
 from robot_energy.inputs.meter.source import MeterInputs
-from robot_energy.inputs.parameters import parameter
+from robot_energy.inputs.parameters import parameter, setting
 from robot_energy.inputs.sources import GapInputs, JointStateInputs, TemperatureInputs
-from robot_energy.timeline.blocks import Learning
 
 MAX_ROUNDING = 1e-3  # of a number of ticks, so that 8.333 counts as a third of 25
 
@@ -66,13 +65,7 @@ class TorqueParameters(JointStateInputs, Common):
         1,
         100_000,
     )
-    derivative_window: float = parameter(
-        "Length of the window over which acceleration is estimated; 2.5 times as long where "
-        "velocities come from the positions [s].",
-        0.02,
-        0.001,
-        1.0,
-    )
+    derivative_window: float = setting("derivative_window", 0.02, 0.001, 1.0)
     derivative_lag: float = parameter(
         "How far that window reaches beyond the sample; 2.5 times as far where velocities come "
         "from the positions; -1 for half the window [s].",
@@ -98,9 +91,7 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
         0.1,
         1000.0,
     )
-    temperature_wait: float = parameter(
-        "How long torque waits for a temperature that arrives late [s].", 0.1, 0.0, 10.0
-    )
+    temperature_wait: float = setting("temperature_wait", 0.1, 0.0, 10.0)
     state_folder: str = parameter(
         "Folder in which the registers are kept across restarts; $ROS_HOME is ~/.ros where it is "
         "not set. none: they are not kept.",
@@ -113,10 +104,7 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
         0.1,
         3600.0,
     )
-    learning: str = parameter(
-        "What is learned of friction and constant losses while the robot works: off for nothing; "
-        "observe to publish it; apply to predict with it.", "observe", choices=tuple(Learning)
-    )  # fmt: skip
+    learning: str = setting("learning", "observe")
 
 
 @dataclass(frozen=True, kw_only=True)

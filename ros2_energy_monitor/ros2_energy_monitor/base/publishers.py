@@ -104,16 +104,15 @@ class PacedPublisher:
         """Publish the next message if it is its turn; call every tick."""
         self._since += 1
         due = 1 if self._rows and self._since >= self._ticks else 0
-        self._publish(max(due, len(self._rows) - self._max_waiting))
+        for _ in range(max(due, len(self._rows) - self._max_waiting)):
+            self._publisher.publish(self._rows.popleft()[None, :])
+            self._since = 0
 
     def flush(self) -> None:
         """Publish all that waits."""
-        self._publish(len(self._rows))
-
-    def _publish(self, count: int) -> None:
-        for _ in range(count):
-            self._publisher.publish(self._rows.popleft()[None, :])
-            self._since = 0
+        while self._rows:
+            self._since = self._ticks
+            self.tick()
 
 
 def torque_publisher(node: Node, depth: int) -> RowPublisher:

@@ -15,20 +15,149 @@ from __future__ import annotations
 
 import argparse
 import os
+import socket
 import time
+import urllib.request
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.executors import SingleThreadedExecutor
+from rich.console import Console as Terminal
 
-from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.errors import BagError, PageError, RobotEnergyError
+from robot_energy.foundation.units import JOULE_PER_WH
+from robot_energy.model import RobotModel, load
+from robot_energy.physics.friction import with_fixed_friction
+from robot_energy.replay.bag_replay import Replay, replay
+from robot_energy_report.page.headless_browser import find_browser, run_browser
+from robot_energy_report.printing import table
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
-from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, identify_plant
-from ros2_energy_monitor.demo.demo_page import PAGE, draw_page, free_port, save_page
-from ros2_energy_monitor.demo.demo_replay import show_bags
+from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, bundled, identify_plant
 from ros2_energy_monitor.demo.processes import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
+
+COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
+BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed model in its figure
+
+
+@dataclass(frozen=True)
+class Row:
+    """One bag.
+
+    Attributes:
+        measured: Energy by the meter. [J]
+        aware: Predicted with friction that follows the temperature. [J]
+        fixed: Predicted with friction of one temperature, by that temperature. [J by degC]
+    """
+
+    bag: str
+    measured: float
+    aware: float
+    fixed: dict[float, float]
+    figure: Path
+
+
+def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
+    """Return one row per bundled bag, after printing the table and writing the figures.
+
+    Args:
+        model_name: Model of the robot in the bags: a name or a file.
+    """
+    model = load(model_name)
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [_row(path, model, out) for path in bundled(bags, BAGS)]
+    table(
+        Terminal(),
+        "Energy from the grid, held-out bags of the virtual rig",
+        ("bag", "measured [Wh]", "friction", "predicted [Wh]", "error"),
+        [
+            (
+                row.bag,
+                f"{row.measured / JOULE_PER_WH:.2f}",
+                kind,
+                f"{energy / JOULE_PER_WH:.2f}",
+                f"{100.0 * (energy / row.measured - 1.0):+.1f} %",
+            )
+            for row in rows
+            for kind, energy in (
+                ("follows temperature", row.aware),
+                *((f"fixed at {degc:g} degC", energy) for degc, energy in row.fixed.items()),
+            )
+        ],
+    )
+    for row in rows:
+        print(f"figure: {row.figure}", flush=True)
+    return rows
+
+
+def _row(bag: Path, model: RobotModel, out: Path) -> Row:
+    # Matplotlib is slow to import and of no use to the live part.
+    from robot_energy_report.replay_figures import power_and_energy
+    from robot_energy_report.series import compared_series
+
+    first = replay(bag, model, keep_curves=True)
+    fixed = {
+        degc: replay(bag, with_fixed_friction(model, degc), keep_curves=True)
+        for degc in (COLD_DEGC, WARM_DEGC)
+    }
+    shown = BAGS[bag.name]
+    aware = compared_series(first, "predicted, friction follows temperature")
+    other = compared_series(fixed[shown], f"predicted, friction fixed at {shown:g} degC", "fixed")
+    if aware is None or other is None:
+        raise BagError(f"{bag} has no meter reading to compare with", "a recording with a meter")
+    figure = out / f"{bag.name}.png"
+    power_and_energy(
+        [*aware, other[1]], figure, f"{bag.name}: virtual rig, drawn plant of the KR 16 class"
+    )
+    return Row(
+        bag.name,
+        first.account.comparison.measured_energy,
+        _predicted(first),
+        {degc: _predicted(result) for degc, result in fixed.items()},
+        figure,
+    )
+
+
+def _predicted(result: Replay) -> float:
+    return result.account.comparison.predicted_energy
+
+
+PAGE, PICTURE = "energy_page.html", "energy_page.png"
+PATIENCE = 30.0  # for the page [s]
+SIZE = "1400,2300"
+
+
+def free_port() -> int:
+    """Return a TCP port of this computer that nothing uses."""
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+def save_page(url: str, folder: Path) -> str:
+    """Return a sentence on the page, saved as it stands."""
+    page = folder / PAGE
+    try:
+        with urllib.request.urlopen(f"{url}saved.html", timeout=PATIENCE) as answer:
+            page.write_bytes(answer.read())
+    except OSError as error:
+        return f"the energy page could not be saved ({error})"
+    return f"energy page saved to {page}"
+
+
+def draw_page(folder: Path) -> str:
+    """Return a sentence on the picture of the saved page, made where there is a Chromium."""
+    page, picture = folder / PAGE, folder / PICTURE
+    if find_browser() is None:
+        return "no picture of the energy page: there is no Chromium here"
+    try:
+        run_browser(page, f"--window-size={SIZE}", f"--screenshot={picture}")
+    except PageError:
+        return "no picture of the energy page: Chromium made none"
+    return f"picture of the energy page: {picture}"
+
 
 MONITORS = ("torque_monitor", "friction_monitor", "power_monitor")
 THERMAL_SPEEDUP = 5.0  # times nature; faster, the gears would lag behind their motors

@@ -39,7 +39,7 @@ def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
 def identify_plant(bags: Path, out: Path) -> str:
     """Return the model file of the plant, identified from its training bags."""
     # Slow to import, and of no use to the live part.
-    from robot_energy_identify.api.identify_all import identify_all
+    from robot_energy_identify.api.identify import identify_all
     from robot_energy_report.document import Document
     from robot_energy_report.identify_all import identification_overview
     from robot_energy_report.printing import print_document

@@ -350,7 +350,7 @@ def energy_source(
             "comparison_time_s": comparison.compared_ns * 1e-9,
             "residual_energy_j": residual if comparison.compared_ns else math.nan,
             "residual_share": residual / abs(measured) if measured else math.nan,
-            "residual_share_last_minute": account.judgement.residual_share,
+            "residual_share_last_minute": comparison.minute.residual_share,
             "meter_time_constant_s": response.time_constant,
             "meter_delay_s": response.delay,
             "meter_response_found_online": bool(response.sentence),

@@ -52,6 +52,9 @@ class ModelCheck:
 
     Args:
         motion: Time in motion after which the checks are made; 0 for never. [s]
+
+    Attributes:
+        outputs: What the steps of the pipeline gave since `findings` were asked for.
     """
 
     def __init__(
@@ -69,26 +72,29 @@ class ModelCheck:
         self._inputs = Inputs(**{one.name: getattr(parameters, one.name) for one in fields(Inputs)})
         self._pipeline, self._temperatures = pipeline, temperatures
         self._standstill = np.array([joint.standstill_velocity for joint in model.joints])
-        self._outputs: deque[tuple[Output, int, int]] = deque()  # with samples, time in motion
+        self.outputs: list[Output] = []
+        self._kept: deque[tuple[Output, int, int]] = deque()  # with samples, time in motion
         self._samples = self._moving_ns = self._last_ns = 0
         self._thread: ThreadPoolExecutor | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._work: Future[Answer] | None = None
         self._closed = self._failed = False
 
-    def take(self, output: Output) -> None:
-        """Keep what one step gave, and begin the checks once the robot moved enough."""
+    def _take(self) -> None:
+        """Keep what the steps gave, and begin the checks once the robot moved enough."""
+        outputs, self.outputs = self.outputs, []
         if not self._needed_ns or self._work is not None or self._closed:
             return
-        torque = output.torque
-        if torque is None and output.power is None and output.meter is None:
-            return
-        count, moving_ns = (0, 0) if torque is None else (len(torque), self._motion_of(torque))
-        self._outputs.append((output, count, moving_ns))
-        self._samples += count
-        self._moving_ns += moving_ns
+        for output in outputs:
+            torque = output.torque
+            if torque is None and output.power is None and output.meter is None:
+                continue
+            count, moving_ns = (0, 0) if torque is None else (len(torque), self._motion_of(torque))
+            self._kept.append((output, count, moving_ns))
+            self._samples += count
+            self._moving_ns += moving_ns
         while self._samples > MAX_SAMPLES:  # the oldest go
-            _, fewer, less_ns = self._outputs.popleft()
+            _, fewer, less_ns = self._kept.popleft()
             self._samples -= fewer
             self._moving_ns -= less_ns
         full = self._samples > 0.9 * MAX_SAMPLES and 2 * self._moving_ns > self._needed_ns
@@ -103,8 +109,8 @@ class ModelCheck:
         return int(step[moving & (step > 0) & (step < 1 / NANOSECOND)].sum())
 
     def _begin(self) -> None:
-        outputs = [output for output, _, _ in self._outputs]
-        self._outputs.clear()
+        outputs = [output for output, _, _ in self._kept]
+        self._kept.clear()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="model_check")
         self._work = self._thread.submit(self._run, outputs, self._settings())
 
@@ -142,7 +148,7 @@ class ModelCheck:
     def close(self) -> None:
         """Give up what runs."""
         self._closed = True
-        self._outputs.clear()
+        self._kept.clear()
         if self._process is not None and self._process.poll() is None:
             self._process.kill()
         if self._thread is not None:
@@ -150,6 +156,7 @@ class ModelCheck:
 
     def findings(self) -> StatusBuilder:
         """Make the status: the remedy first, as some tools cut a message at 128 characters."""
+        self._take()
         found = StatusBuilder("model check")
         found.values["moving_time"] = self._moving_ns * NANOSECOND
         if not self._needed_ns:

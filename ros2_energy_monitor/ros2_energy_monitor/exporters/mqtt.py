@@ -25,7 +25,7 @@ from typing import Any
 
 from robot_energy import __version__
 from robot_energy.foundation.errors import ExporterError
-from robot_energy.foundation.files.private_file import require_private
+from robot_energy.foundation.files.regular_file import require_private
 from robot_energy.inputs.parameters import parameter
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials

@@ -6,11 +6,18 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Meters that answer HTTP requests with JSON."""
+"""Meters that answer HTTP requests with JSON, whose whole answers are bounded.
+
+The adapter of `requests` bounds the wait for a single byte, and authentication reads the body of a
+refused request whole. Here the socket itself counts bytes and time.
+"""
 
 from __future__ import annotations
 
 import http.client
+import io
+import select
+import socket
 import time
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
@@ -20,7 +27,6 @@ from pydantic import Field
 from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.optional_packages import require
-from ros2_energy_monitor.meters.http_transport import BoundedTransport
 from ros2_energy_monitor.meters.json_numbers import (
     JsonFlag,
     JsonNumber,
@@ -31,6 +37,118 @@ from ros2_energy_monitor.meters.json_numbers import (
 from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange
+
+PIECE = 4096  # bytes taken at once
+
+
+class _Received(io.RawIOBase):
+    """What a socket receives, within a bound."""
+
+    def __init__(self, connection: socket.socket, bound: AnswerBound) -> None:
+        self._connection, self._bound = connection, bound
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        self._connection.settimeout(self._bound.left)
+        try:
+            count = self._connection.recv_into(buffer)
+        except TimeoutError:
+            raise self._bound.over() from None
+        self._bound.take(count)
+        return count
+
+
+class _BoundedSocket:
+    """What `http.client` uses of a socket."""
+
+    def __init__(self, connection: socket.socket, bound: AnswerBound) -> None:
+        self._connection, self._bound = connection, bound
+
+    def sendall(self, data: bytes) -> None:
+        self._connection.settimeout(self._bound.left)
+        self._connection.sendall(data)
+
+    def makefile(self, *_: Any) -> io.BufferedReader:
+        return io.BufferedReader(_Received(self._connection, self._bound), PIECE)
+
+    def close(self) -> None:
+        """Do nothing: `http.client` closes before it has read the answer."""
+
+    def end(self) -> None:
+        self._connection.close()
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether nothing was received that nobody has asked for."""
+        return not select.select([self._connection], [], [], 0)[0]
+
+
+class BoundedTransport:
+    """Transport adapter of `requests`: one connection, kept between requests to one endpoint."""
+
+    def __init__(self, requests: Any, endpoint: Endpoint, bound: AnswerBound) -> None:
+        self._requests, self._endpoint, self._bound = requests, endpoint, bound
+        self._context = endpoint.tls_context()
+        self._kept: tuple[http.client.HTTPConnection, _BoundedSocket] | None = None
+
+    def send(self, request: Any, **options: Any) -> Any:
+        """Return the whole answer to a prepared request.
+
+        Args:
+            options: Of the session, not used: all of them follow from the endpoint.
+
+        Raises:
+            OSError: If no answer comes within the bound.
+            HTTPException: If it is no HTTP.
+        """
+        if self._kept is None or not self._kept[1].is_idle:
+            self._connect()
+        assert self._kept is not None
+        connection = self._kept[0]
+        try:
+            connection.request(request.method, request.path_url, headers=dict(request.headers))
+            found = connection.getresponse()
+            body = bytearray()
+            while piece := found.read1(PIECE):
+                body += piece
+            found.close()  # without a body it does not end by itself
+        except BaseException:
+            self.close()
+            raise
+        if found.will_close:
+            self.close()
+        answer = self._requests.Response()
+        answer.status_code, answer.url = found.status, request.url
+        answer.headers.update(found.headers.items())
+        answer.raw, answer.request, answer.connection = io.BytesIO(body), request, self
+        return answer
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self._kept is not None:
+            self._kept[0].close()
+            self._kept[1].end()
+            self._kept = None
+
+    def _connect(self) -> None:
+        self.close()
+        host, port = self._endpoint.host, self._endpoint.port
+        plain = socket.create_connection((host, port), timeout=self._bound.left)
+        try:
+            if self._context is not None:
+                plain.settimeout(self._bound.left)
+                plain = self._context.wrap_socket(plain, server_hostname=host)
+        except BaseException:
+            plain.close()
+            raise
+        connection = http.client.HTTPConnection(host, port)
+        connection.auto_open = 0
+        bounded = _BoundedSocket(plain, self._bound)
+        connection.sock = bounded
+        self._kept = connection, bounded
+
 
 OK = 200
 

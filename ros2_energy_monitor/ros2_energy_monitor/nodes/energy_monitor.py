@@ -224,7 +224,7 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
     def _publish(self, output: Output | None) -> None:
         if output is None:
             return
-        self.guard.run("model_check", partial(self._model_check.take, output))
+        self._model_check.outputs.append(output)
         torque, friction, means = output.torque, output.friction, output.means
         if torque is not None and self._torque is not None:
             publish, encode = self._torque.publish, self._torque_writer.encode

@@ -55,9 +55,6 @@ class EnergyRecorder(ManagedNode):
 
     Args:
         options: Options of `rclpy.node.Node`.
-
-    Raises:
-        ParameterError: If a parameter cannot be used.
     """
 
     NAME = "energy_recorder"
@@ -83,11 +80,7 @@ class EnergyRecorder(ManagedNode):
             raise
 
     def configure(self) -> None:
-        """Open the history, if it can be opened now.
-
-        Raises:
-            ParameterError: If no folder is named.
-        """
+        """Open the history, if it can be opened now."""
         wanted = self.parameters
         folder = folder_of(wanted.folder)
         if folder is None:

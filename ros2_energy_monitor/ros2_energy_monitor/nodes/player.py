@@ -36,7 +36,7 @@ from robot_energy.bag import BagReader
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import differs
 from robot_energy.bag.mcap_records import LogTimes
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.errors import BagError, MissingTopicError, RobotEnergyError
 from robot_energy.foundation.shown_text import shown, shown_lines
 from robot_energy.foundation.units import SECOND_NS

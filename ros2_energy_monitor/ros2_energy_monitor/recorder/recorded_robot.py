@@ -63,7 +63,6 @@ class RecordedRobot:
     """One robot whose registers are recorded.
 
     Args:
-        node: The node that subscribes.
         namespace: Of the robot's monitors, with or without the leading slash.
     """
 

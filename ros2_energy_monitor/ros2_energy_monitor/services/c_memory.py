@@ -33,7 +33,7 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.units import SECOND_NS
 
 if TYPE_CHECKING:
-    from robot_energy_plan.motion.point_columns import PointColumns
+    from robot_energy_plan.motion.joint_trajectory import PointColumns
 
 MAX_NAMES = 1000  # joints of a request
 NUMBERS: dict[str, Any] = {
@@ -233,7 +233,10 @@ def time_of(points: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def _columns(trajectory: Any) -> PointColumns:
-    from robot_energy_plan.motion.point_columns import KINDS, PointColumns  # heavy, for the process
+    from robot_energy_plan.motion.joint_trajectory import (  # heavy, for the process
+        KINDS,
+        PointColumns,
+    )
 
     names = _read("sequence<string>", trajectory.joint_names)
     points = points_of(trajectory)

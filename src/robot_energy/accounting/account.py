@@ -17,7 +17,7 @@ from robot_energy.accounting.account_record import carry_into, record_of, totals
 from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.accounting.exact_sum import SumMark
+from robot_energy.accounting.exact_sum import ExactSum, SumMark
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MeterResponse
@@ -92,7 +92,7 @@ class EnergyAccount:
             the UTC minute up to which all samples are counted, or 0 before they are set to
             zero or the stamps jump. [ns]
         shaft: Predicted and measured shaft energy of each joint.
-        judgement: The residual of the newest minute, and what is wrong with the meter.
+        judgement: What is wrong with the meter.
         repeated: Samples left out after a restart because their time was counted before it.
         counts: Samples, by quality and phase, and the greatest power.
         calibration: How wide the bands of predicted power and energy must be.
@@ -189,7 +189,7 @@ class EnergyAccount:
     def _counters(self) -> _Counters:
         """All counters as they stand."""
         return (
-            [each.mark() for each in (self.registers, self.shaft, self.comparison)],
+            [*map(ExactSum.mark, (self.registers, self.shaft, self.comparison))],
             self.counts.mark(),
             self.shaft.compared_ns.copy(),
             replace(self.registers.time),
@@ -221,9 +221,8 @@ class EnergyAccount:
         if effort:
             shaft = self.shaft.step(block, intervals)
         else:
-            self.shaft.leave_out()
+            self.shaft.last = np.nan
         compared = self._compare(block)
-        self.judgement.step(compared)
         imported = intervals.energy[:, CABINET_REGISTERS.index("grid_import")]
         self.counts.count(block, imported, intervals.duration_ns)
         if self.intervals.open_entries:

@@ -73,18 +73,16 @@ class MeanBlock(Block):
     measurement_age: Float
     loads: Float
 
-    def mean(self, name: str) -> Float:
-        """Return the mean of a cabinet register's power, shape (W,). [W]"""
-        return self.cabinet[:, CABINET_REGISTERS.index(name)]
-
     @property
     def predicted_power(self) -> Float:
         """Mean net power from the grid, shape (W,). [W]"""
-        return self.mean("grid_import") - self.mean("grid_return")
+        return self.cabinet[:, 0] - self.cabinet[:, 1]
 
-    def joint_mean(self, name: str) -> Float:
-        """Return the mean of a joint register's power, shape (W, n). [W]"""
-        return self.joints[:, JOINT_REGISTERS.index(name)]
+    @property
+    def powers(self) -> dict[str, Float]:
+        """Means by register, shape (W,) of the cabinet and (W, n) of joints. [W]"""
+        names = (*CABINET_REGISTERS, *JOINT_REGISTERS)
+        return dict(zip(names, (*self.cabinet.T, *self.joints.swapaxes(0, 1)), strict=True))
 
 
 SHOWN = (
@@ -112,23 +110,6 @@ class _Pieces(Block):
     energy: Float
     quality: Bits
     counted: Int
-
-    def go_on(self, carried: _Pieces, lead: int) -> None:
-        """Put the open period before these pieces.
-
-        Args:
-            lead: 1 where it has ended, and the first row is kept free for it; 0 where the first
-                piece goes on with it.
-        """
-        if lead:
-            for each, before in zip(self.__dict__.values(), carried.__dict__.values(), strict=True):
-                each[0] = before[0]
-            return
-        self.energy[0] += carried.energy[0]
-        self.quality[0] |= carried.quality[0]
-        seen = np.maximum(self.counted[0, _SEEN], carried.counted[0, _SEEN])
-        self.counted[0] += carried.counted[0]
-        self.counted[0, _SEEN] = seen
 
 
 class Averager:
@@ -168,8 +149,15 @@ class Averager:
         pieces = self._cut(
             block, intervals, shaft, starts if lead else np.concatenate([[0], starts]), lead
         )
-        if carried is not None:
-            pieces.go_on(carried, lead)
+        if lead and carried is not None:  # it has ended; the first row is kept free for it
+            for each, before in zip(vars(pieces).values(), vars(carried).values(), strict=True):
+                each[0] = before[0]
+        elif carried is not None:  # the first piece goes on with it
+            pieces.energy[0] += carried.energy[0]
+            pieces.quality[0] |= carried.quality[0]
+            seen = np.maximum(pieces.counted[0, _SEEN], carried.counted[0, _SEEN])
+            pieces.counted[0] += carried.counted[0]
+            pieces.counted[0, _SEEN] = seen
         self._open = pieces[slice(-1, None)]
         return self._close(pieces[slice(0, -1)]) if len(pieces) > 1 else None
 
@@ -269,10 +257,7 @@ class Averager:
             band_half=Z90 * power_std(deviation),
             band=np.full(len(stamp), BandKind.PARAMETRIC),
             shaft_power_measured=power[:, -n_joints:],
-            **{
-                name: ended.shown[:, index * n_joints : (index + 1) * n_joints]
-                for index, name in enumerate(SHOWN)
-            },
+            **dict(zip(SHOWN, np.hsplit(ended.shown[:, :-1], len(SHOWN)), strict=True)),
             payload_mass=ended.shown[:, -1],
             measured_power=measured[:, 0],
             predicted_power_at_meter=measured[:, 1],

@@ -13,10 +13,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import isfinite
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
@@ -33,7 +31,7 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     differences,
 )
-from robot_energy.timeline.pieces import Compared, CoveredPieces
+from robot_energy.timeline.pieces import Compared, CoveredPieces, NewestMinute
 
 MAX_PIECES = 1_000_000
 MAX_BEGINNING = 2  # readings of a first epoch that may have been none
@@ -87,6 +85,7 @@ class Comparison(ExactSum):
 
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
+        minute: Sums over the newest minute.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
         early_since_ns: Predicted stamp since which readings are stamped more than
@@ -103,7 +102,7 @@ class Comparison(ExactSum):
     ) -> None:
         super().__init__(2)  # measured, predicted
         self._stated = response
-        self.lag = LagEstimate()
+        self.lag, self.minute = LagEstimate(), NewestMinute()
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -288,7 +287,13 @@ class Comparison(ExactSum):
             start = start if epoch.done_ns is None else max(start, epoch.done_ns)
             if until > start:
                 result, end_ns = self._integrate(predicted, measured, start, until)
-                result = self._as_shown(epoch.shown, result, end_ns)
+                if self.meaning is not MeterMeaning.CUMULATIVE:  # as the meter shows it
+                    if self._stated is None:
+                        self.lag.take(result)
+                    self._follow(epoch.shown)
+                    energy = epoch.shown.energy(result.drawn, end_ns - result.duration_ns, end_ns)
+                    result = replace(result, predicted=energy)
+                self.minute.take(result)
                 epoch.done_ns = until
                 epoch.measured = measured.after(until)
                 epoch.predicted = predicted = predicted.after(until)
@@ -302,16 +307,6 @@ class Comparison(ExactSum):
         elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
             epoch.shown.forget(self._last[0])
         return result
-
-    def _as_shown(self, shown: ShownPower, compared: Compared, end_ns: Int) -> Compared:
-        """Set the power that is compared to what the meter shows of it."""
-        if self.meaning is MeterMeaning.CUMULATIVE:
-            return compared
-        if self._stated is None:
-            self.lag.take(compared)
-        self._follow(shown)
-        energy = shown.energy(compared.drawn, end_ns - compared.duration_ns, end_ns)
-        return replace(compared, predicted=energy)
 
     def _follow(self, shown: ShownPower) -> None:
         if self._stated is None:
@@ -348,16 +343,17 @@ def _compiled(
     available, duration = np.empty((2, room), dtype=np.int64)
     energy = np.empty((2, room)).T
     found = compiled.compare(
-        _arrays(measured), _arrays(predicted), start, until, available, duration, energy
+        tuple(map(np.ascontiguousarray, vars(measured).values())),
+        tuple(map(np.ascontiguousarray, vars(predicted).values())),
+        start,
+        until,
+        available,
+        duration,
+        energy,
     )
     energy = energy[:found].copy(order="F")  # without the rest of the room
     times = available[:found].copy(), duration[:found].copy()
     return Compared(*times, energy[:, 0], energy[:, 1], energy[:, 1]), energy
-
-
-def _arrays(curve: CoveredPieces) -> tuple[NDArray[Any], ...]:
-    each = (curve.stamp_ns, curve.end_ns, curve.start_power, curve.end_power)
-    return tuple(map(np.ascontiguousarray, each))
 
 
 def _compared(

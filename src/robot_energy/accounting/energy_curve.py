@@ -109,7 +109,7 @@ def add_compared(curve: EnergyCurve, compared: Compared) -> None:
 
 def add_means(curve: EnergyCurve, means: MeanBlock) -> None:
     """Add the predicted net energy from the grid, where it is known."""
-    power = means.mean("grid_import") - means.mean("grid_return")
+    power = means.predicted_power
     known = np.isfinite(power) & (means.period > 0)
     period = means.period[known]
     duration_ns = np.rint(period / NANOSECOND).astype(np.int64)

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-
-import numpy as np
 
 from robot_energy.accounting.comparison import EARLY_NS, Comparison
-from robot_energy.foundation.units import ENERGY_UNITS, NANOJOULE_PER_JOULE, POWER_UNITS, SECOND_NS
+from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS, SECOND_NS
 from robot_energy.timeline.blocks import NANOSECOND, MeterMeaning
-from robot_energy.timeline.pieces import Compared
 
-WINDOW = 60  # of the rolling residual [s]
 MIN_COMPARED_TIME = 30.0  # compared time in it before a unit is doubted [s]
 MIN_GROSS_TIME = 8.0  # the same of a unit a thousand times as large, or of a turned sign [s]
 GROSS_FACTOR = 1000.0
@@ -22,15 +17,10 @@ SUSTAINED_NS = 30 * SECOND_NS  # readings from the future for so long are a wron
 READINGS = 3  # that must have arrived meanwhile
 MIN_RETURNED = 0.02  # of the measured energy drawn, fed back without prediction, worth a sentence
 REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sentence
-MAX_WAITING = 4096  # intervals whose sums are made together
-
-Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
 class MeterDiagnostics:
-    """Watches the residual over the newest minute that was compared.
-
-    Sums are integers, so that they do not depend on how the input is cut.
+    """Says what is wrong with the meter.
 
     Args:
         unit: Unit the meter was said to use; empty for W or J.
@@ -38,88 +28,12 @@ class MeterDiagnostics:
 
     def __init__(self, unit: str = "") -> None:
         self._unit = unit
-        self._seconds: deque[tuple[int, Sums]] = deque()
-        self._total: Sums = [0, 0, 0]
-        self._waiting: list[Compared] = []
-        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
-
-    def step(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        if not len(compared):
-            return
-        self._waiting.append(compared)
-        if sum(map(len, self._waiting)) >= MAX_WAITING:
-            self._settle()
-
-    @property
-    def _sum(self) -> Sums:
-        """Over the newest minute."""
-        self._settle()
-        return self._total
-
-    def _settle(self) -> None:
-        """Count what waits; how it was cut makes no difference."""
-        if not self._waiting:
-            return
-        compared = Compared.concatenate(self._waiting)
-        self._waiting.clear()
-        second = compared.stamp_ns // SECOND_NS
-        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
-        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
-        self._drawn += int(measured[measured > 0].sum())
-        self._returned -= int(measured[measured < 0].sum())
-        self._predicted_returned -= int(predicted[predicted < 0].sum())
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(second)) + 1])
-        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
-        sums = np.add.reduceat(table, starts, axis=0)
-        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
-            self._add(number, row)
-
-    def _add(self, second: int, sums: Sums) -> None:
-        seconds = self._seconds
-        if seconds and second < seconds[-1][0]:
-            seconds.clear()  # the recording loops
-            self._total = [0, 0, 0]
-        if seconds and second == seconds[-1][0]:
-            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
-        else:
-            seconds.append((second, list(sums)))
-        self._total = [a + b for a, b in zip(self._total, sums, strict=True)]
-        while seconds[0][0] <= second - WINDOW:
-            _, old = seconds.popleft()
-            self._total = [a - b for a, b in zip(self._total, old, strict=True)]
-
-    @property
-    def compared_time(self) -> float:
-        """Compared time within the newest minute. [s]"""
-        return self._sum[0] * NANOSECOND
-
-    @property
-    def residual_share(self) -> float:
-        """Predicted minus measured energy of the newest minute, relative to measured. [-]
-
-        NaN where nothing was compared or measured.
-        """
-        _, measured, predicted = self._sum
-        return (predicted - measured) / abs(measured) if measured else math.nan
 
     def findings(self, comparison: Comparison) -> list[str]:
         """Return what is wrong with the meter, one sentence each."""
         scale = self._scale(comparison)
-        found = (self._clock(comparison), scale or self._fed_back(), _refused(comparison))
+        found = (self._clock(comparison), scale or _fed_back(comparison), _refused(comparison))
         return [sentence for sentence in found if sentence]
-
-    def _fed_back(self) -> str:
-        """Whether the meter sees energy returned that the model cannot predict."""
-        self._settle()
-        share = self._returned / self._drawn if self._drawn else 0.0
-        if self._predicted_returned or share < MIN_RETURNED:
-            return ""
-        return (
-            f"by the meter, {100 * share:.0f} % of the energy drawn is fed back, but the model "
-            "predicts none: if the supply or a battery takes energy back, state "
-            "cabinet.regeneration_efficiency in the model file"
-        )
 
     def _clock(self, comparison: Comparison) -> str:
         """Why nothing is compared although readings and predictions arrive."""
@@ -154,12 +68,15 @@ class MeterDiagnostics:
 
     def _scale(self, comparison: Comparison) -> str:
         """Whether the meter is off by a factor that only a unit or a sign explains."""
-        _, measured, predicted = self._sum
-        if self.compared_time < MIN_GROSS_TIME or not measured or not predicted:
+        minute = comparison.minute
+        _, measured, predicted = minute.sums
+        if minute.time < MIN_GROSS_TIME or not measured or not predicted:
             return ""
-        settled = self.compared_time >= MIN_COMPARED_TIME
+        settled = minute.time >= MIN_COMPARED_TIME
         ratio = measured / predicted
-        if -MAX_RATIO < 1 / ratio < -1 / MAX_RATIO and (settled or self._turned()):
+        # whether power is drawn in every second, and returned by the meter
+        turned = all(given < 0 < drawn for _, (_, given, drawn) in minute.seconds)
+        if -MAX_RATIO < 1 / ratio < -1 / MAX_RATIO and (settled or turned):
             return "the meter reads about minus the prediction: is its sign load_negative?"
         if ratio <= 0:
             return ""
@@ -179,9 +96,17 @@ class MeterDiagnostics:
         text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
         return f"the meter reads about {text} times the prediction: is its unit {unit}?"
 
-    def _turned(self) -> bool:
-        """Whether power is drawn in every second, and returned by the meter."""
-        return all(measured < 0 < predicted for _, (_, measured, predicted) in self._seconds)
+
+def _fed_back(comparison: Comparison) -> str:
+    """Whether the meter sees energy returned that the model cannot predict."""
+    share = comparison.minute.returned_share
+    if share < MIN_RETURNED:
+        return ""
+    return (
+        f"by the meter, {100 * share:.0f} % of the energy drawn is fed back, but the model "
+        "predicts none: if the supply or a battery takes energy back, state "
+        "cabinet.regeneration_efficiency in the model file"
+    )
 
 
 def _refused(comparison: Comparison) -> str:

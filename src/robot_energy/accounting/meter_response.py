@@ -127,8 +127,7 @@ class ShownPower:
         """
         if not self._waiting:
             return
-        columns = zip(*self._waiting, strict=True)
-        stamp, power, begins = (np.concatenate(each) for each in columns)
+        stamp, power, begins = map(np.concatenate, zip(*self._waiting, strict=True))
         self._waiting.clear()
         constant = np.array(constants)[np.searchsorted(since_ns, stamp, side="right")]
         before = self._rows

@@ -1,8 +1,7 @@
 """What is kept of the registers across restarts: plain values with units in their names.
 
 A state file holds one `AccountRecord` as JSON: unknown keys and missing units are refused as
-a whole. Only where an earlier release let a number or a text grow beyond what can be kept, that
-one is brought to its limit, and `AccountRecord.repairs` says so.
+a whole.
 """
 
 from __future__ import annotations
@@ -11,17 +10,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Literal, Self
 
-from pydantic import (
-    Field,
-    PrivateAttr,
-    ValidationError,
-    model_validator,
-)
+from pydantic import Field, ValidationError, model_validator
 
-from robot_energy.accounting.record_repair import repaired
 from robot_energy.accounting.totals import (
-    CABINET_KEYS,
-    JOINT_KEYS,
     Count,
     Integer,
     LoadStateTotals,
@@ -37,16 +28,9 @@ from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.shown_text import shown
 
 KEPT = 16  # latest trace entries of each kind, so that restarts never push out a reset
-FORMAT_VERSION = 5  # 1 had no node, 2 no calibration, 3 no auxiliary loads, 4 no standby
+FORMAT_VERSION = 5
 TraceKind = Literal[
-    "reset",
-    "restart",
-    "model_changed",
-    "began_anew",
-    "file_lost",
-    "register_added",
-    "adopted",
-    "repaired",
+    "reset", "restart", "model_changed", "began_anew", "file_lost", "register_added"
 ]
 
 
@@ -66,16 +50,10 @@ class Remainders(RecordPart):
     )
 
     def arranged(self, order: Sequence[int]) -> Remainders:
-        """Return them with joints in another order and new registers at zero."""
-        zero = (0,) * len(order)
+        """Return them with joints in another order."""
+        joints = self.joints.items()
         return self.model_copy(
-            update={
-                "cabinet": {name: self.cabinet.get(name, 0) for name in CABINET_KEYS},
-                "joints": {
-                    name: tuple(self.joints.get(name, zero)[index] for index in order)
-                    for name in JOINT_KEYS
-                },
-            }
+            update={"joints": {name: tuple(row[index] for index in order) for name, row in joints}}
         )
 
 
@@ -157,7 +135,7 @@ class Identity(RecordPart):
 
     Attributes:
         robot_serial: As in the model file; empty if it has none.
-        node: Full name of the node that counts; empty for none, as before format 2.
+        node: Full name of the node that counts; empty for none.
     """
 
     robot_type: str
@@ -197,11 +175,11 @@ class AccountRecord(RecordPart):
         quality_counts: Samples that carried each quality bit, by its name.
         restarts: How often the registers were taken over from a file.
         trace: Resets, restarts, changes of the model; the latest of each kind.
-        calibration: Of the bands; None before format 3.
+        calibration: Of the bands.
         auxiliary_states: What was counted in each state of auxiliary loads, by load and state.
     """
 
-    format_version: Literal[1, 2, 3, 4, 5] = FORMAT_VERSION
+    format_version: Literal[5] = FORMAT_VERSION
     identity: Identity
     energy_start_ns: Stamp | None
     end_ns: Stamp | None
@@ -224,12 +202,6 @@ class AccountRecord(RecordPart):
     auxiliary_states: dict[str, dict[str, LoadStateTotals]] = Field(
         default_factory=dict[str, dict[str, LoadStateTotals]]
     )
-    _repairs: tuple[str, ...] = PrivateAttr(())
-
-    @property
-    def repairs(self) -> tuple[str, ...]:
-        """What was brought to its limit when the record was read."""
-        return self._repairs
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -238,7 +210,7 @@ class AccountRecord(RecordPart):
         return self
 
     def arranged(self, joint_names: Sequence[str], loads: Sequence[str] = ()) -> AccountRecord:
-        """Return the record for the same joints in another order, with every register.
+        """Return the record for the same joints in another order.
 
         Args:
             loads: Names of the auxiliary loads that are counted from now on.
@@ -266,13 +238,9 @@ class AccountRecord(RecordPart):
 
     @classmethod
     def from_json(cls, text: bytes) -> AccountRecord:
-        """Return what `to_json` wrote; values beyond a limit are at it, as `repairs` says."""
+        """Return what `to_json` wrote."""
         try:
             return cls.model_validate_json(text)
-        except ValidationError as error:
-            mended, repairs = repaired(text, error)
-        try:
-            record = cls.model_validate_json(mended)
         except ValidationError as error:
             first = error.errors(include_input=False)[0]
             key = shown(".".join(map(str, first["loc"])) or "the text")
@@ -280,5 +248,3 @@ class AccountRecord(RecordPart):
                 f"the state cannot be used: {key}: {first['msg']}",
                 f"a record of format {FORMAT_VERSION}",
             ) from error
-        record._repairs = repairs
-        return record

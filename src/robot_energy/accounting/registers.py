@@ -362,13 +362,15 @@ class ShaftEnergySums(ExactSum):
 
     Attributes:
         compared_ns: Time over which each joint was compared, shape (n,). [ns]
+        last: Measured power at the last sample, driving and given back, shape (2 n,); NaN for a
+            sample without effort. [W]
     """
 
     def __init__(self, n_joints: int) -> None:
         super().__init__(len(SHAFT_REGISTERS) * n_joints)
         self.n_joints = n_joints
         self.compared_ns: Int = np.zeros(n_joints, dtype=np.int64)
-        self._last: Float = np.full(2 * n_joints, np.nan)
+        self.last: Float | float = np.nan
 
     def reset(self) -> None:
         """Begin at zero."""
@@ -385,10 +387,6 @@ class ShaftEnergySums(ExactSum):
         joule = self.joule[start : start + self.n_joints]
         return np.where(self.compared_ns > 0, joule, np.nan)
 
-    def leave_out(self) -> None:
-        """Note that a block has no effort at all."""
-        self._last = np.full_like(self._last, np.nan)
-
     @np.errstate(invalid="ignore", over="ignore")  # bad samples are not covered
     def step(self, block: PowerBlock, intervals: SampleIntervals) -> Float:
         """Integrate a block.
@@ -399,10 +397,10 @@ class ShaftEnergySums(ExactSum):
         """
         n_joints, measured = self.n_joints, block.shaft_power_measured
         power = np.empty((len(block) + 1, 2 * n_joints), order="F")
-        power[0], positive, negative = self._last, power[1:, :n_joints], power[1:, n_joints:]
+        power[0], positive, negative = self.last, power[1:, :n_joints], power[1:, n_joints:]
         np.maximum(measured, 0.0, out=positive)
         np.subtract(positive, measured, out=negative)
-        self._last = power[-1].copy()
+        self.last = power[-1].copy()
         energy = np.empty((len(block), len(SHAFT_REGISTERS) * n_joints), order="F")
         parts = energy[:, : 2 * n_joints]
         np.add(power[1:], power[:-1], out=parts)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from robot_energy.accounting.exact_sum import REMAINDER_BITS
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_TEXT
-from robot_energy.accounting.record_repair import one_line
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.foundation.errors import StateFileError
@@ -19,9 +18,20 @@ from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 SHAFT_KEYS = tuple(f"shaft_{name}" for name in SHAFT_REGISTERS)
 CABINET_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in CABINET_DEVIATIONS)
 JOINT_DEVIATION_KEYS = tuple(f"deviation_{name}" for name in JOINT_DEVIATIONS)
-DEVIATION_KEYS = frozenset((*CABINET_DEVIATION_KEYS, *JOINT_DEVIATION_KEYS))
 CABINET_KEYS = (*CABINET_REGISTERS, *CABINET_DEVIATION_KEYS)
 JOINT_KEYS = (*JOINT_REGISTERS, *SHAFT_KEYS, *JOINT_DEVIATION_KEYS)
+
+
+def one_line(limit: int) -> AfterValidator:
+    """Return a validator that refuses a text that is too long or cannot be printed on one line."""
+
+    def check(text: str) -> str:
+        if len(text) > limit or not text.isprintable():
+            raise ValueError(f"a text of at most {limit} printable characters")
+        return text
+
+    return AfterValidator(check)
+
 
 Integer = Annotated[int, Field(ge=-MAX_COUNTER, le=MAX_COUNTER)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
@@ -162,25 +172,21 @@ class Totals(RecordPart):
         )
 
     def arranged(self, order: Sequence[int], loads: Sequence[str] = ()) -> Totals:
-        """Return it with joints in another order and registers that are new at zero."""
+        """Return it with joints in another order and auxiliary loads that are new at zero."""
         cabinet, joints = self.cabinet_energy_microjoule, self.joint_energy_microjoule
-        unknown = (set(cabinet) - {*CABINET_KEYS}) | (set(joints) - {*JOINT_KEYS})
-        if unknown:
+        if wrong := (cabinet.keys() ^ {*CABINET_KEYS}) | (joints.keys() ^ {*JOINT_KEYS}):
             raise StateFileError(
-                f"the state has a register '{min(unknown)}'",
+                f"the state lacks register '{min(wrong)}', or has it alone",
                 "registers of this release",
                 "use the release that wrote it",
             )
         rows = [self.shaft_compared_ns, *joints.values()]
         if any(len(values) != len(order) for values in rows):
             raise StateFileError("a register of the state lacks joints", "one value per joint")
-        zero = (0,) * len(order)
         return self.model_copy(
             update={
-                "cabinet_energy_microjoule": {name: cabinet.get(name, 0) for name in CABINET_KEYS},
                 "joint_energy_microjoule": {
-                    name: tuple(joints.get(name, zero)[index] for index in order)
-                    for name in JOINT_KEYS
+                    name: tuple(values[index] for index in order) for name, values in joints.items()
                 },
                 "shaft_compared_ns": tuple(self.shaft_compared_ns[index] for index in order),
                 "auxiliary": {name: self.auxiliary.get(name, LoadTotals()) for name in loads},

@@ -62,7 +62,6 @@ class McapWriter:
 
     Args:
         file: Open, empty.
-        compressed: Whether chunks are packed with zstandard.
         library: What the header says of the writer.
     """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,9 +20,59 @@ from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND
 
 if TYPE_CHECKING:
-    from robot_energy.bag.cdr.lazy_store import LazyStore
+    from robot_energy.bag.cdr.types import LazyStore
+
+
+@dataclass(frozen=True)
+class TimeRange:
+    """From where to where a bag is read.
+
+    Attributes:
+        start: After the first message; negative: before the last one; None: from the first. [s]
+        end: Likewise; None: to the last. [s]
+    """
+
+    start: float | None = None
+    end: float | None = None
+
+    def __bool__(self) -> bool:
+        """Return whether anything is left out."""
+        return self.start is not None or self.end is not None
+
+    def span(self, bag: BagReader) -> LogTimes:
+        """Return the log times of the part, both included. [ns]"""
+        first, last = bag.start_ns, bag.end_ns
+        if first is None or last is None:
+            raise BagError(
+                f"{bag.path} holds no message with a time, so no part of it can be named",
+                remedy="leave out start and end",
+            )
+
+        def at(seconds: float | None, default: int) -> int:
+            if seconds is None:
+                return default
+            return round(seconds / NANOSECOND) + (last if seconds < 0.0 else first)
+
+        start, end = at(self.start, first), at(self.end, last)
+        if start >= end or start >= last or end <= first:
+            length = (last - first) * NANOSECOND
+            raise BagError(
+                f"nothing of {bag.path} lies from {(start - first) * NANOSECOND:g} to "
+                f"{(end - first) * NANOSECOND:g} s after its start",
+                f"a start before the end, both within its {length:g} s",
+                "change start and end; negative ones count from the end of the bag",
+            )
+        return max(start, first), min(end, last)
+
+    def sentence(self, bag: BagReader) -> str:
+        """Return what was read, as a sentence."""
+        start, end = (((at - (bag.start_ns or 0)) * NANOSECOND) for at in self.span(bag))
+        whole = ((bag.end_ns or 0) - (bag.start_ns or 0)) * NANOSECOND
+        return f"only a part of the bag was read: from {start:.6g} to {end:.6g} s of {whole:.6g} s"
+
 
 MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""

@@ -17,12 +17,13 @@ from robot_energy.bag.mcap_writer import McapWriter, framed, head
 from robot_energy.bag.metadata import (
     DEFAULT_QOS,
     FILE_NAME,
+    LIBRARY,
     Qos,
     TopicEntry,
+    foreign_entries,
     metadata_yaml,
     qos_yaml,
 )
-from robot_energy.bag.ownership import LIBRARY, foreign_entries
 from robot_energy.foundation.errors import BagError, MessageTypeError, MissingTopicError, ShapeError
 from robot_energy.foundation.files.output_folder import OutputFolder
 from robot_energy.timeline.blocks import Int

@@ -126,11 +126,28 @@ class FigureDeviations:
         cabinet = model.cabinet
         self.loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         self.loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
+        self._fan = cabinet.fan
         self.at_rest = FORM_AT_REST * model.constant_power()
         efficiency = cabinet.regeneration_efficiency
         self.returned = 0.0 if efficiency is None else efficiency.value
         self.friction = FrictionModel.from_model(model)
         self._exponent_velocity, self._exponent_std = _exponents(model)
+
+    def grid_side(self, fan_power: Float | float) -> Float | float:
+        """Return the deviation of the loss on the grid side, shape () or (N,). [W]
+
+        A fan that runs with the probability p errs by ``P_fan sqrt(p (1 - p))``, and its power.
+
+        Args:
+            fan_power: That is to be expected, ``p P_fan``, shape (N,). [W]
+        """
+        fan = self._fan
+        if fan is None or fan.power.value == 0.0:
+            return self.loss_grid
+        share = fan_power / fan.power.value
+        switched = fan_power * (fan.power.value - fan_power)
+        known = (share * figure_std(fan.power, "loss_grid")) ** 2
+        return np.sqrt(self.loss_grid**2 + switched + known)
 
     def by_exponent(self, motor_velocity: Float) -> tuple[Float, Float] | None:
         """Return what viscous exponents do to deviations; None without any.
@@ -190,7 +207,6 @@ class PowerDeviation:
         elif not kind.lossless:
             self._drive = partial(_share_of_loss, share=figures.drive_share)
         self._loss_dc = figures.loss_dc
-        self._loss_grid = float(np.hypot(figures.loss_grid, figures.at_rest))
         self._returned = figures.returned
         self._bodies, self._payload = figures.bodies, figures.payload
         self._payload_share = figures.payload_share
@@ -224,6 +240,7 @@ class PowerDeviation:
         viscous_std: Float,
         shared_std: Float,
         held: Float,
+        fan_power: Float | float,
         payload_mass: Float,
         balance: Balance,
         stamp_ns: Int,
@@ -240,6 +257,7 @@ class PowerDeviation:
             viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
             shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
+            fan_power: That is to be expected, shape (N,). [W]
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
         """
@@ -296,7 +314,7 @@ class PowerDeviation:
         np.multiply(self._payload, of_payload, out=payload)
         np.multiply(self._bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = self._loss_dc
-        loss_grid[:] = self._loss_grid
+        loss_grid[:] = np.hypot(self._figures.grid_side(fan_power), self._figures.at_rest)
         unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
         np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
         squares = squares + bodies**2 + payload**2 + loss_dc**2

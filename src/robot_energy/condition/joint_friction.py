@@ -14,10 +14,8 @@ speed and temperature. A part of five seconds is taken or refused as a whole.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.condition.buckets import (
     DEGC_BUCKETS,
@@ -31,12 +29,8 @@ from robot_energy.physics.drivetrain import ABOVE_STANDSTILL
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
-    Bits,
-    Block,
     Float,
-    Int,
     PowerBlock,
-    taken,
 )
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
@@ -47,32 +41,6 @@ MIN_TIME = 20.0  # in each direction, before a joint's multiplier is valid [s]
 MIN_BUCKET_TIME = 2.0  # in each direction, before a bucket counts [s]
 SHRINK_TIME = 10.0  # a bucket with this time lies half way to the joint's mean [s]
 GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows in a register
-
-
-@dataclass(frozen=True)
-class FrictionSamples(Block):
-    """What is learned from of power samples; as in `robot_energy.timeline.blocks.PowerBlock`."""
-
-    segment: Int
-    quality: Bits
-    phase: NDArray[np.uint8]
-    motor_velocity: Float
-    shaft_power_measured: Float
-    rigid_power: Float
-    friction_power: Float
-    motor_temperature_degc: Float
-    grid_power: Float
-    loss_grid: Float
-
-    @classmethod
-    def of(cls, block: PowerBlock, rows: Int) -> Self:
-        """Return some samples of a block.
-
-        Args:
-            rows: Their numbers, rising, shape (N,).
-        """
-        names = ("stamp_ns", *cls.__annotations__)
-        return cls(**{name: taken(block.__dict__[name], rows) for name in names})
 
 
 @dataclass(frozen=True)
@@ -117,7 +85,7 @@ class MotionReader:
         self._fallback_degc = fallback_degc
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-    def read(self, block: PowerBlock | FrictionSamples, friction_power: Float) -> MotionSums | None:
+    def read(self, block: PowerBlock, friction_power: Float) -> MotionSums | None:
         """Return the sums over the samples of one part; None if no torque was measured.
 
         Args:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, FrictionSamples, MotionReader
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
 from robot_energy.condition.meter_fit import MeterFit
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
 from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
@@ -176,9 +176,9 @@ class ConditionLearner:
 
         Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
         """
-        if not self.in_use:
-            return None
         use = self._use
+        if not (self.applies and use.any):
+            return None
         factor: Float | float = 1.0
         if use.by_torque.any() or use.factor != 1.0:
             factor = self._multiplier(use, motor_velocity, motor_temperature_degc)
@@ -201,24 +201,20 @@ class ConditionLearner:
             if self._part is not None and part != self._part:
                 self._end_part()
             self._part = part
-            self._take(block, slice(start, stop))
+            slot = block.stamp_ns[start:stop] // SLOT_NS
+            rows = differences(slot, self._slot).nonzero()[0]
+            self._slot, self._newest_ns = int(slot[-1]), int(block.stamp_ns[stop - 1])
+            self._stuck |= bool((block.quality[start:stop] & STUCK).any())
+            if len(rows):  # the first sample of each slot
+                self._open.append(block[rows + start])
 
     def _begin_part(self) -> None:
         """Keep nothing of the part so far."""
         self._part: int | None = None
-        self._open: list[FrictionSamples] = []
+        self._open: list[PowerBlock] = []
         self._slot = -1  # of the newest sample
         self._newest_ns = 0
         self._stuck = False  # whether a thermometer was, at any sample
-
-    def _take(self, block: PowerBlock, within: slice) -> None:
-        """Keep the first sample of each slot."""
-        slot = block.stamp_ns[within] // SLOT_NS
-        rows = differences(slot, self._slot).nonzero()[0]
-        self._slot, self._newest_ns = int(slot[-1]), int(block.stamp_ns[within][-1])
-        self._stuck |= bool((block.quality[within] & STUCK).any())
-        if len(rows):
-            self._open.append(FrictionSamples.of(block, rows + within.start))
 
     def flush(self) -> None:
         """Learn from the part that has not ended, as at the end of a bag."""
@@ -257,7 +253,7 @@ class ConditionLearner:
     @np.errstate(invalid="ignore", over="ignore")
     def _end_part(self) -> None:
         """Learn from the samples of a part."""
-        samples, stuck = FrictionSamples.concatenate(self._open), self._stuck
+        samples, stuck = PowerBlock.concatenate(self._open), self._stuck
         self.end_ns = self._newest_ns
         self._begin_part()
         for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
@@ -295,7 +291,7 @@ class ConditionLearner:
                 self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
 
     def _powers(
-        self, samples: FrictionSamples, friction: Float, known: Float | None, use: _InUse
+        self, samples: PowerBlock, friction: Float, known: Float | None, use: _InUse
     ) -> Float:
         """Predicted power, friction the meter can learn of, what was added; shape (N, 3). [W]"""
         seen = samples.phase != Phase.GENERATING  # else the brake resistor takes the difference

@@ -12,7 +12,7 @@ from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
-FORMAT_VERSION = 3  # 1 had no contrasts, and is refused; 2 had no programs
+FORMAT_VERSION = 3
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]

@@ -1,10 +1,9 @@
 """Temperatures that no sensor measures, of motors and gears: from the model's own losses.
 
-One Kalman filter per joint over windows of 10 s of the stamps. Its state is the temperature of
-motor, structure and ambient, the factor on the heat of the losses and the temperature of the gear;
-with the ambient and the factor the variance of an open loop grows by itself, and what a sensor has
-taught stays when it fails. The heat of a window moves the temperature that is used from the next
-one on, so nothing depends on how the input is cut.
+A filter (`robot_energy.condition.thermal_state`) over windows of 10 s of the stamps. With the
+ambient and the factor on the heat in its state the variance of an open loop grows by itself, and
+what a sensor has taught stays when it fails. The heat of a window moves the temperature that is
+used from the next one on, so nothing depends on how the input is cut.
 
 What a gear begins with is not known: measured torque corrects it, else the power meter. Friction
 that errs for another reason, such as wear, must not be taken for a temperature. So only the error
@@ -21,15 +20,14 @@ from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows
 from robot_energy.condition.record import ThermalRecord, filled, flat
+from robot_energy.condition.thermal_state import GEAR, MOTOR, SENSOR_STD, ThermalState
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.inputs.temperatures.stuck import WINDOW_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
-from robot_energy.physics.motor_heat import GearHeat, MotorHeat
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
-    PLAUSIBLE_DEGC,
     Bits,
     Float,
     Int,
@@ -42,30 +40,16 @@ from robot_energy.timeline.blocks import (
     mark,
 )
 
-WINDOW = WINDOW_NS * NANOSECOND  # s
-AMBIENT_STD = 3.0  # K, where the model file gives none
-START_STD = 5.0  # K of a motor above the ambient at the first start: it may have run before
-HEAT_STD = 0.1  # of the factor on the heat
-AMBIENT_DRIFT = 1.0  # K per root hour
-HEAT_DRIFT = 0.02  # per root hour
-MOTOR_DRIFT = 1.0  # K per root hour: what the network leaves out
-SENSOR_STD = 0.7  # K, of one reading in a window
 LAG_STD = 3.0  # K, of motors against the gears whose friction is seen
 FRICTION_WINDOWS = 60  # whose friction errs alike: torque constant, Coulomb friction
 COULOMB_SHARE = 0.03  # by which Coulomb friction is taken to be off
 MAX_ODDITY = 4.0  # standard deviations: beyond it, friction says something else
 MIN_WORK = 1.0  # J of friction in a window that says something of it
-GEAR_START_STD = 1.0  # K of a gear against its motor where the motor is as warm as the air ...
-GEAR_START_SHARE = 0.3  # ... and of the motor above the air: one may have worked longer ago
-SENSED_DRIFT = 20.0  # K per root hour, of a motor without a network, which its sensor measures
-COOLING = 1500.0  # s, in which such a motor cools while nothing comes
 METER_SHARE = 0.02  # of the measured power by which predictions err alike
 METER_LEAST = 5.0  # W, at least
 METER_WINDOWS = 60  # of 5 s, that err alike
 SLOT_NS = 10_000_000  # of each, the first sample is compared with the meter [ns]
-SECONDS_PER_HOUR = 3600.0
 PLACES = (MeterLocation.GRID, MeterLocation.DC_BUS)
-MOTOR, STRUCTURE, AMBIENT, HEAT, GEAR = range(5)
 
 
 class ThermalObserver:
@@ -114,32 +98,10 @@ class ThermalObserver:
         self._friction = FrictionModel.from_model(model)
         self._certainty = FrictionCertainty(model)
         own = [joint for joint, is_own in zip(joints, self._own, strict=True) if is_own]
-        thermal = [joint.thermal for joint in own]
-        self._heat = MotorHeat.of(thermal)
-        self._step = self._heat.step(WINDOW)
-        self._resting = MotorHeat.of(thermal, COOLING)
-        self._gear = GearHeat.of([joint.gear for joint in own])
-        self._has_gear = np.isfinite(self._gear.time)
-        self._drift = np.array(
-            [
-                SENSED_DRIFT if entry is None else MOTOR_DRIFT if entry.std is None else entry.std
-                for entry in thermal
-            ]
+        self._filter = ThermalState(
+            [joint.thermal for joint in own], [joint.gear for joint in own], model.temperature
         )
-        settings = model.temperature
-        ambient = settings.ambient_degc
-        self._ambient = settings.fallback_degc if ambient is None else ambient.value
-        spread = AMBIENT_STD if ambient is None or ambient.std is None else ambient.std
         count = len(own)
-        self._x = np.tile([self._ambient] * 3 + [1.0, self._ambient], (count, 1))
-        # All: the ambient; motor, structure and gear: what an earlier run has left in them.
-        alike = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
-        above = np.array([1.0, 1.0, 0.0, 0.0, 1.0])
-        start = spread**2 * np.outer(alike, alike) + START_STD**2 * np.outer(above, above)
-        start[HEAT, HEAT] = HEAT_STD**2
-        self._covariance = np.tile(start, (count, 1, 1))
-        # A gear is known once its motor is: at once by a network, else by the first reading.
-        self._begun = self._networks[self._own].copy()
         self._windows = MeterWindows(len(PLACES) + count, curve or MeterCurve(MeterLimits.max_gap))
         self._slot = -1
         self._used = np.full(count, np.nan)  # reading of the last correction
@@ -182,7 +144,7 @@ class ThermalObserver:
         if self._window is not None and self._open:
             self._end_window(window - self._window)
         elif self.end_ns is not None:  # continued from a record: nobody has worked meanwhile
-            self._cool(stamp_ns - self.end_ns)
+            self._filter.cool(stamp_ns - self.end_ns)
         self._window = window
         self.stuck = stuck.copy()
         self._publish()
@@ -234,21 +196,22 @@ class ThermalObserver:
         return ThermalRecord(
             model_id=self._model.model_id,
             end_ns=self.end_ns,
-            state=flat(self._x),
-            covariance=flat(self._covariance),
+            state=flat(self._filter.x),
+            covariance=flat(self._filter.covariance),
         )
 
     def restore(self, record: ThermalRecord) -> None:
         """Continue from a record."""
         sizes = len(record.state), len(record.covariance)
-        fits = sizes == (self._x.size, self._covariance.size)
+        state = self._filter
+        fits = sizes == (state.x.size, state.covariance.size)
         if record.model_id != self._model.model_id or not fits:
             raise StateFileError(
                 f"temperatures of model {record.model_id}", f"model {self._model.model_id}"
             )
-        self._x = filled(record.state, self._x)
-        self._covariance = filled(record.covariance, self._covariance)
-        self._begun[:] = True
+        state.x = filled(record.state, state.x)
+        state.covariance = filled(record.covariance, state.covariance)
+        state.begun[:] = True
         self.end_ns, self._window = record.end_ns, None
         self._publish()
 
@@ -264,116 +227,32 @@ class ThermalObserver:
             elapsed @ np.nan_to_num(self._columns(name), posinf=0.0, neginf=0.0)
             for name in ("drive_loss", "friction_power")
         )
-        heat = self._heat
-        worked = np.stack(
-            [drive + heat.share * friction, (1.0 - heat.share) * friction, friction], axis=-1
-        )
-        idle = np.stack([heat.idle, np.zeros_like(heat.idle)], axis=-1)
-        self._advance(*self._window_of(heat, self._step, WINDOW, worked / WINDOW, idle), WINDOW)
+        state = self._filter
+        state.work(drive, friction)
         reading = np.where(self.stuck, np.nan, self._reading)[self._own]
         new = ~np.isnan(reading) & (reading != self._used)
-        first = new & np.isnan(self._used) & self._has_gear
+        first = new & np.isnan(self._used) & state.has_gear
         self._used = np.where(new, reading, self._used)
-        networks = self._networks[self._own]
-        self._correct(MOTOR, reading, np.where(new & networks, SENSOR_STD**2, np.inf))
-        self._take_sensed(reading, ~np.isnan(reading) & ~networks)
+        state.correct(MOTOR, reading, np.where(new & state.networks, SENSOR_STD**2, np.inf))
+        state.take_sensed(reading, ~np.isnan(reading) & ~state.networks)
         if first.any():
-            self._begin_gears(first)
+            state.begin_gears(first)
         torque = bool(np.isfinite(self._columns("motor_torque_measured")).any())
-        if torque and (np.isnan(reading).any() or self._has_gear.any()):
+        if torque and (np.isnan(reading).any() or state.has_gear.any()):
             self._correct_by_friction(elapsed, np.isnan(reading))
-        if self._has_gear.any():
+        if state.has_gear.any():
             self._correct_by_meter(torque)
         self._open.clear()
         if windows > 1:
-            self._cool((windows - 1) * WINDOW_NS)
+            state.cool((windows - 1) * WINDOW_NS)
         self.end_ns = max(self._last_ns, 0)
-
-    def _take_sensed(self, reading: Float, sensed: NDArray[np.bool_]) -> None:
-        """Let motors without a network be as warm as their sensors say."""
-        self._x[sensed, MOTOR] = reading[sensed]
-        self._covariance[sensed, MOTOR, :] = self._covariance[sensed, :, MOTOR] = 0.0
-        self._covariance[sensed, MOTOR, MOTOR] = SENSOR_STD**2
-
-    def _begin_gears(self, first: NDArray[np.bool_]) -> None:
-        """Let gears begin at the temperature of their motors, now that it is known."""
-        started = first & ~self._begun
-        self._begun |= first
-        self._x[started, GEAR] = self._x[started, MOTOR]
-        self._covariance[started, GEAR, :] = self._covariance[started, MOTOR, :]
-        self._covariance[started, :, GEAR] = self._covariance[started, :, MOTOR]
-        self._covariance[started, GEAR, GEAR] = self._covariance[started, MOTOR, MOTOR]
-        above = np.abs(self._x[:, MOTOR] - self._x[:, AMBIENT])
-        own = (GEAR_START_STD + GEAR_START_SHARE * above) ** 2
-        self._covariance[first, GEAR, GEAR] += own[first]
-
-    def _cool(self, duration_ns: int) -> None:
-        """Move on by a time without samples and without heat."""
-        duration = duration_ns * NANOSECOND
-        if duration <= 0:
-            return
-        count = len(self._x)
-        none = np.zeros((count, 3))
-        heat, before = self._resting, self._x[:, GEAR].copy()
-        windows, rest = divmod(duration_ns, WINDOW_NS)
-        for length, times in ((WINDOW, int(windows)), (rest * NANOSECOND, int(rest > 0))):
-            if times:
-                slope, _ = self._window_of(heat, heat.step(length), length, none, none[:, :2])
-                slope = np.linalg.matrix_power(slope, times)
-                self._advance(slope, np.zeros((count, 5)), length * times)
-        change = GEAR_START_SHARE * (self._x[:, GEAR] - before)
-        self._covariance[:, GEAR, GEAR] += np.where(self._has_gear, change**2, 0.0)
-
-    def _window_of(
-        self, heat: MotorHeat, step: tuple[Float, Float], duration: float, worked: Float,
-        idle: Float,
-    ) -> tuple[Float, Float]:  # fmt: skip
-        """What a step does to the state, shape (count, 5, 5), and what it adds, (count, 5)."""
-        transition, gain = step
-        count = len(self._x)
-        slope, added = np.tile(np.eye(5), (count, 1, 1)), np.zeros((count, 5))
-        slope[:, :2, :2] = transition
-        slope[:, :2, AMBIENT] = 1.0 - transition.sum(axis=-1)
-        slope[:, :2, HEAT] = (gain @ worked[:, :2, None])[..., 0]
-        added[:, :2] = (gain @ idle[..., None])[..., 0]
-        gear = self._gear
-        kept = np.exp(-duration / gear.time)
-        to_motor = 0.5 * (1.0 - kept) * gear.to_motor
-        slope[:, GEAR] = to_motor[:, None] * slope[:, MOTOR]
-        slope[:, GEAR, MOTOR] += to_motor
-        slope[:, GEAR, AMBIENT] += (1.0 - kept) * (1.0 - gear.to_motor)
-        slope[:, GEAR, GEAR] = kept
-        added[:, GEAR] = (1.0 - kept) * gear.per_watt * worked[:, 2] + to_motor * added[:, MOTOR]
-        return slope, added
-
-    def _advance(self, slope: Float, added: Float, duration: float) -> None:
-        self._x = (slope @ self._x[..., None])[..., 0] + added
-        covariance = slope @ self._covariance @ slope.swapaxes(-1, -2)
-        hours = duration / SECONDS_PER_HOUR
-        covariance[:, MOTOR, MOTOR] += self._drift**2 * hours
-        covariance[:, AMBIENT, AMBIENT] += AMBIENT_DRIFT**2 * hours
-        covariance[:, HEAT, HEAT] += HEAT_DRIFT**2 * hours
-        self._covariance = covariance
-
-    def _correct(self, place: int | Int, degc: Float, variance: Float) -> None:
-        """Correct joints by a temperature at a place of the state; infinite variance for none."""
-        known = np.isfinite(variance)
-        if not known.any():
-            return
-        rows = np.arange(len(self._x))
-        column = self._covariance[rows, :, place]
-        total = column[rows, place] + np.where(known, variance, 1.0)
-        gain = np.where(known[:, None], column / total[:, None], 0.0)
-        self._x += gain * np.where(known, degc - self._x[rows, place], 0.0)[:, None]
-        covariance = self._covariance - gain[:, :, None] * column[:, None, :]
-        self._covariance = 0.5 * (covariance + covariance.swapaxes(-1, -2))
 
     def _correct_by_friction(self, elapsed: Float, unread: NDArray[np.bool_]) -> None:
         """Correct gears, and motors without a gear and without a reading, by measured torque."""
-        gears = self._has_gear & self._begun
-        place = np.where(gears, GEAR, MOTOR)
-        used = gears | (unread & ~self._has_gear)
-        self._correct(place, *self._by_friction(elapsed, used, place))
+        state = self._filter
+        place = np.where(state.gears, GEAR, MOTOR)
+        used = state.gears | (unread & ~state.has_gear)
+        state.correct(place, *self._by_friction(elapsed, used, place))
 
     def _correct_by_meter(self, torque: bool) -> None:
         """Correct all gears together by the residual of the power, where no torque determines more.
@@ -381,7 +260,7 @@ class ThermalObserver:
         The residual of a window is ``sum(d fv/dT (T_g - estimate) integral(w u dt))``; errors of
         the prediction itself are alike for long, so one window counts for little.
         """
-        blocks, last = self._open, self._last_ns
+        blocks, last, state = self._open, self._last_ns, self._filter
         stamp = np.concatenate([block.stamp_ns for block in blocks])
         rows = differences(stamp // SLOT_NS, self._slot).nonzero()[0]
         self._slot = int(stamp[-1] // SLOT_NS)
@@ -397,11 +276,11 @@ class ThermalObserver:
         columns = np.column_stack([*power, squares])
         until = (last // WINDOW_NS + 1) * WINDOW_NS - METER_WAIT
         for window in self._windows.step(stamp[rows], segment[rows], columns, until):
-            if torque or not self._begun.any():
+            if torque or not state.begun.any():
                 continue
-            slope = self._slope()[self._own] * (self._has_gear & self._begun)
+            slope = self._slope()[self._own] * state.gears
             slope *= window.energies[len(PLACES) :]
-            column = self._covariance[:, :, GEAR]
+            column = state.covariance[:, :, GEAR]
             place = PLACES.index(self._windows.location)
             residual = window.measured - float(window.energies[place])
             error = max(METER_SHARE * abs(window.measured), METER_LEAST * window.duration)
@@ -409,14 +288,15 @@ class ThermalObserver:
             if not np.isfinite(residual) or residual**2 > MAX_ODDITY**2 * (prior + error**2):
                 continue
             gain = column * (slope / (prior + METER_WINDOWS * error**2))[:, None]
-            self._x += gain * residual
-            self._covariance = self._covariance - gain[:, :, None] * (
+            state.x += gain * residual
+            state.covariance = state.covariance - gain[:, :, None] * (
                 slope[:, None, None] * column[:, None, :]
             )
 
     def _slope(self) -> Float:
         """Slope of fv at the temperature of the friction, shape (n,). [N m s/(rad K)]"""
-        degc = self._whole(self._x[np.arange(len(self._x)), np.where(self._has_gear, GEAR, MOTOR)])
+        state = self._filter
+        degc = self._whole(np.where(state.has_gear, state.x[:, GEAR], state.x[:, MOTOR]))
         return 0.5 * (self._friction.viscous(degc + 1.0) - self._friction.viscous(degc - 1.0))
 
     def _columns(self, name: str) -> Float:
@@ -438,8 +318,8 @@ class ThermalObserver:
         ``fv = sum(u (tau - other)) / sum(u^2)``, with u the speed w, or its power.
         """
         own, measured = self._own, self._columns("motor_torque_measured")
-        rows = np.arange(len(self._x))
-        now, variance = self._x[rows, place], self._covariance[rows, place, place]
+        state, rows = self._filter, np.arange(len(place))
+        now, variance = state.x[rows, place], state.covariance[rows, place, place]
         speed = self._turning()
         rest = measured - self._columns("motor_torque") + self._columns("viscous") * speed
         quality = np.concatenate([block.quality for block in self._open])
@@ -462,24 +342,23 @@ class ThermalObserver:
 
     def _whole(self, values: Float) -> Float:
         """Values of the estimated motors at their places; the others at the ambient."""
-        whole = np.full(len(self._own), self._ambient)
+        whole = np.full(len(self._own), self._filter.ambient_degc)
         whole[self._own] = values
         return whole
 
     def _publish(self) -> None:
         """Hold the estimate for the window that begins."""
-        self._x[:, :3] = np.clip(self._x[:, :3], *PLAUSIBLE_DEGC)
-        self._x[:, GEAR] = np.clip(self._x[:, GEAR], *PLAUSIBLE_DEGC)
-        std = np.sqrt(np.maximum(self._covariance[:, MOTOR, MOTOR], 0.0))
-        motors = self._networks[self._own]
-        self.degc[self._networks] = self._x[motors, MOTOR]
-        self.std[self._networks] = std[motors]
-        gears = self._has_gear & self._begun
-        self.gears[self._own] = gears
-        left = np.hypot(np.sqrt(np.maximum(self._covariance[:, GEAR, GEAR], 0.0)), self._gear.std)
-        self.friction_degc[self._own] = np.where(gears, self._x[:, GEAR], self._x[:, MOTOR])
-        self.friction_std[self._own] = np.where(gears, left, std)
-        degc = self._whole(self.friction_degc[self._own])
+        state = self._filter
+        state.clip()
+        std = state.std(MOTOR)
+        self.degc[self._networks] = state.x[state.networks, MOTOR]
+        self.std[self._networks] = std[state.networks]
+        self.gears[self._own] = state.gears
+        left = np.hypot(state.std(GEAR), state.gear.std)
+        friction_degc = np.where(state.gears, state.x[:, GEAR], state.x[:, MOTOR])
+        self.friction_degc[self._own] = friction_degc
+        self.friction_std[self._own] = np.where(state.gears, left, std)
+        degc = self._whole(friction_degc)
         spread = np.where(self._own, self.friction_std, 0.0)
         viscous = self._friction.viscous(degc)
         colder, warmer = (self._friction.viscous(degc + way * spread) for way in (-1.0, 1.0))

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import yaml
 
 from robot_energy.foundation.errors import ModelFileError, RobotEnergyError
-from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
-from robot_energy.foundation.files.xml_encoding import DECLARE
+from robot_energy.foundation.files.regular_file import DECLARE, read_regular_text, why_unreadable
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
@@ -20,7 +20,6 @@ from robot_energy.foundation.errors import OptionError, ParameterError
 from robot_energy.foundation.kinds import LIKELY
 
 Verb = TypeVar("Verb", bound=Callable[..., object])
-Class = TypeVar("Class", bound=type)
 MAX_NUMBER = 1e9  # larger than any figure of a robot, whatever its unit
 FLAG = re.compile(r"--([a-z-]+)")
 
@@ -30,8 +29,9 @@ class Option:
     """What one option is.
 
     Attributes:
-        text: Help of the command, where ``%(choices)s`` are the texts allowed.
+        text: What it does, in words that fit the command as well as the documentation.
         unit: Of a number; ``1`` for a whole one.
+        absent: What holds where it is not given and no `default` says so; empty if the text does.
         value: What stands for any other value in the help; empty for a switch.
         low: Least number allowed. [its unit]
         high: Greatest number allowed. [its unit]
@@ -43,6 +43,7 @@ class Option:
 
     text: str
     unit: str = ""
+    absent: str = ""
     value: str = ""
     low: float = -MAX_NUMBER
     high: float = MAX_NUMBER
@@ -74,9 +75,16 @@ class Option:
         if not fits:
             raise ParameterError(f"parameter '{name}' of {verb} is {value!r}", self.expected)
 
+    @property
+    def help(self) -> str:
+        """What it is, in the help of the command."""
+        about = ["one of %(choices)s"] if self.value and self.choices else []
+        about += [f"default: {self.absent}"] if self.absent else []
+        return f"{self.text} ({'; '.join(about)})" if about else self.text
+
     def __str__(self) -> str:
         """What it is, in the documentation."""
-        text = self.text.replace("%(choices)s", ", ".join(map(str, self.choices)))
+        text = self.help.replace("%(choices)s", ", ".join(map(str, self.choices)))
         text = FLAG.sub(lambda flag: f"``{flag[1].replace('-', '_')}``", text)
         return f"{text[:1].upper()}{text[1:]}." + (f" [{self.unit}]" if self.unit else "")
 
@@ -91,29 +99,11 @@ def options_of(options: type) -> dict[str, Option]:
     }
 
 
-def documented(kind: Class) -> Class:
-    """Return a class, its docstring with what its annotations say, for help and pages."""
-    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
-    if lines and kind.__doc__:
-        kind.__doc__ += f"\n\nAttributes:{lines}"
-    return kind
-
-
-def texts_of(kind: type) -> Iterator[tuple[str, str]]:
-    """Yield what the annotations of a class say of each name, in words."""
-    for name, annotation in inspect.get_annotations(kind).items():
-        if text := str(getattr(annotation, "__metadata__", ("",))[0]):
-            yield name, text
-
-
 def takes(options: type) -> Callable[[Verb], Verb]:
     """Return a decorator that shows the options of a verb in place of ``**options``.
 
     The verb refuses an option that it does not show, as an `OptionError`, and a value that makes
     no sense. What is None was not given.
-
-    Args:
-        options: The TypedDict.
     """
     kinds, checks = inspect.get_annotations(options), options_of(options)
     shared = [

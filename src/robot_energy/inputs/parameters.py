@@ -13,6 +13,8 @@ from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
 
 from robot_energy.foundation.errors import ParameterError
+from robot_energy.foundation.options import options_of
+from robot_energy.inputs.options import InputOptions
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -115,6 +117,20 @@ def parameter(
     """
     metadata = {"description": description, "low": low, "high": high, "choices": choices}
     return field(default=default, metadata=metadata)
+
+
+def setting(name: str, default: Any, *bounds: float) -> Any:
+    """Return a field with the text, range and choices of an option that verbs have as well.
+
+    Args:
+        bounds: Least and greatest value, where a node allows less. [unit of the option]
+    """
+    option = options_of(InputOptions)[name]
+    text, unit = str(replace(option, absent="", unit="", value="")).removesuffix("."), option.unit
+    if not unit:
+        return parameter(f"{text}.", default, choices=cast("Any", option.choices))
+    low, high = bounds or (option.low, option.high)
+    return parameter(f"{text} [{unit}].", default, low, high)
 
 
 def group(cls: type[D]) -> D:

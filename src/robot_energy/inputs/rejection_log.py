@@ -83,15 +83,11 @@ class RejectionLog:
             left &= ~rows
         return left
 
-    def copy(self) -> RejectionLog:
-        """Return the counts as they stand."""
-        return RejectionLog(self.received, self.accepted, self.rejected.copy(), self.waiting)
-
     def lose(self, before: RejectionLog, arrived: int, reason: str) -> None:
         """Count what has arrived since, and what waited then, as rejected: all of it was lost.
 
         Args:
-            before: The counts before it arrived, from `copy`.
+            before: The counts before it arrived.
         """
         self.received = before.received + arrived
         self.accepted = before.accepted

@@ -22,6 +22,7 @@ from robot_energy.inputs.parameters import (
     group,
     named_groups,
     parameter,
+    setting,
 )
 from robot_energy.inputs.temperatures.kinds import (
     MOTOR_TEMPERATURES,
@@ -29,7 +30,7 @@ from robot_energy.inputs.temperatures.kinds import (
     TemperatureKind,
 )
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, checked_max_gap
+from robot_energy.timeline.stamps import BY_PERIOD, checked_max_gap
 
 NO_JOINT = "-"  # a place of an array that is none of the model's joints
 
@@ -38,33 +39,20 @@ NO_JOINT = "-"  # a place of an array that is none of the model's joints
 class JointStateSource:
     """The topics that bring joint states, and what the messages mean."""
 
-    topics: tuple[str, ...] = parameter(
-        "Topics of sensor_msgs/JointState; several where each brings some of the joints.",
-        ("joint_states",),
-    )
+    topics: tuple[str, ...] = setting("joint_states", ("joint_states",))
     joint_names: tuple[str, ...] = parameter(
         "What the messages call the joints of the model, in the order of the model. Empty: as "
         "the model does.",
         (),
     )
-    stamp_source: str = parameter(
-        "Where the stamps come from: the header, or the receive time for drivers that do not "
-        "set it.",
-        HEADER,
-        choices=(HEADER, RECEIVE),
-    )
+    stamp_source: str = setting("stamp_source", HEADER)
     velocity_source: str = parameter(
         "Where velocities come from: the messages, or the positions for drivers whose velocities "
         "stay 0 or step. They come from the positions anyway where messages have none.",
         MESSAGES,
         choices=(MESSAGES, POSITIONS),
     )
-    reorder_window: float = parameter(
-        "How long a joint state waits for older ones that arrive later, to sort them [s].",
-        0.0,
-        0.0,
-        0.5,
-    )
+    reorder_window: float = setting("reorder_window", 0.0)
     max_velocity_ratio: float = parameter(
         "Joint states in which a joint is faster than this many times its velocity limit in the "
         "URDF are refused, unless its positions confirm the velocity [-].",
@@ -72,12 +60,7 @@ class JointStateSource:
         1.0,
         1e6,
     )
-    effort_meaning: str = parameter(
-        "What the effort of the joint states is; with it, measured shaft power is published with "
-        "the predicted one per joint. Never guessed: none means that it is not used.",
-        str(EffortMeaning.NONE),
-        choices=tuple(str(meaning) for meaning in EffortMeaning),
-    )
+    effort_meaning: str = setting("effort", str(EffortMeaning.NONE))
     position: JointCorrection = group(JointCorrection)
     velocity: JointCorrection = group(JointCorrection)
     effort: JointCorrection = group(JointCorrection)
@@ -248,13 +231,7 @@ class TemperatureInputs:
 class GapInputs:
     """How long the joint states may be silent, or the torques that follow from them."""
 
-    max_gap: float = parameter(
-        "Longest time between two joint states that is bridged; 0: five times their usual "
-        "period, at least 0.1 s and at most 1 s [s].",
-        BY_PERIOD,
-        BY_PERIOD,
-        MAX_MAX_GAP,
-    )
+    max_gap: float = setting("max_gap", BY_PERIOD)
 
     def __post_init__(self) -> None:
         checked_max_gap(self.max_gap)

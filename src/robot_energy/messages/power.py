@@ -45,8 +45,8 @@ class PowerStateWriter:
 
     def encode(self, block: MeanBlock, location: MeterLocation) -> NDArray[np.uint8]:
         """Return one serialised message per period, shape (W, size)."""
-        rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
-        loss = block.joint_mean("drive_loss")
+        power = block.powers
+        rigid, friction, loss = power["rigid"], power["friction"], power["drive_loss"]
         shaft, lacking = rigid + friction, self._unmodelled
         shown_loss = known_part("drive_loss", loss, lacking)
         predicted = block.predicted_power
@@ -72,11 +72,11 @@ class PowerStateWriter:
                 "rigid_power": sum_over_joints(rigid),
                 "friction_power": sum_over_joints(friction),
                 "drive_loss": sum_over_joints(shown_loss),
-                "loss_dc": block.mean("loss_dc"),
-                "loss_grid": block.mean("loss_grid"),
-                "brake_power": block.mean("brake"),
-                "capacitor_power": known_part("capacitor", block.mean("capacitor"), lacking),
-                "returned_power": block.mean("grid_return"),
+                "loss_dc": power["loss_dc"],
+                "loss_grid": power["loss_grid"],
+                "brake_power": power["brake"],
+                "capacitor_power": known_part("capacitor", power["capacitor"], lacking),
+                "returned_power": power["grid_return"],
                 "payload_mass": block.payload_mass,
                 "outlet_power": predicted + block.loads[:, :, COLUMNS.index("power")].sum(axis=1),
                 "joints.motor_velocity": block.motor_velocity,

@@ -12,22 +12,29 @@ MAX_LOADS = 32
 
 
 class AuxiliaryLoad(ModelEntry):
-    """A load at the outlet of the cell that is not part of the robot's cabinet (paper B, figure 1).
+    """A load at the outlet of the cell, not part of the robot's cabinet (paper B, figure 1)."""
 
-    Attributes:
-        name: Unique; in topics, tables and pictures.
-        states: Power of each state by its name, such as ``off`` and ``on``, in the order of their
-            numbers from 0; a load without states has one. [W]
-        state: The state in force before a message says another; absent: it is not known then,
-            unless there is only one.
-        metered: Whether a meter of its own measures it. Its power is then what that says; where
-            it says nothing, the power is not known, whatever the states.
-    """
-
-    name: Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
-    states: Annotated[dict[str, PositiveFigure], Field(min_length=1, max_length=256)]
-    state: str | None = None
-    metered: bool = False
+    name: Annotated[
+        str,
+        Field(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_]*$"),
+        "Unique; in topics, tables and pictures.",
+    ]
+    states: Annotated[
+        dict[str, PositiveFigure],
+        Field(min_length=1, max_length=256),
+        "Power of each state by its name, such as ``off`` and ``on``, in the order of their "
+        "numbers from 0; a load without states has one. [W]",
+    ]
+    state: Annotated[
+        str | None,
+        "The state in force before a message says another; absent: it is not known then, unless "
+        "there is only one.",
+    ] = None
+    metered: Annotated[
+        bool,
+        "Whether a meter of its own measures it. Its power is then what that says; where it says "
+        "nothing, the power is not known, whatever the states.",
+    ] = False
 
     @model_validator(mode="after")
     def _check(self) -> AuxiliaryLoad:

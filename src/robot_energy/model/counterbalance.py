@@ -14,17 +14,11 @@ from robot_energy.model.figure import Figure, ModelEntry, PositiveFigure
 
 
 class TorsionSpring(ModelEntry):
-    """A spring about the axis of a joint: the drive adds ``stiffness (q - rest)``.
+    """A spring about the axis of a joint: the drive adds ``stiffness (q - rest)``."""
 
-    Attributes:
-        kind: ``spring``.
-        stiffness: k. [N m/rad] or [N/m]
-        rest: q0, position of the joint at which the spring is slack. [rad] or [m]
-    """
-
-    kind: Literal["spring"]
-    stiffness: PositiveFigure
-    rest: Figure
+    kind: Annotated[Literal["spring"], "``spring``."]
+    stiffness: Annotated[PositiveFigure, "k. [N m/rad] or [N/m]"]
+    rest: Annotated[Figure, "q0, position of the joint at which the spring is slack. [rad] or [m]"]
 
 
 class LeverSpring(ModelEntry):
@@ -33,16 +27,13 @@ class LeverSpring(ModelEntry):
     The drive adds ``moment cos(q - angle)``. A weight has the same form; a spring that carries
     one has the opposite angle. With a stiffness k between two points at distances a and b from
     the axis the moment is k a b.
-
-    Attributes:
-        kind: ``lever``.
-        moment: Greatest torque. [N m]
-        angle: Position of the joint at which the drive adds the whole moment. [rad]
     """
 
-    kind: Literal["lever"]
-    moment: PositiveFigure
-    angle: Figure
+    kind: Annotated[Literal["lever"], "``lever``."]
+    moment: Annotated[PositiveFigure, "Greatest torque. [N m]"]
+    angle: Annotated[
+        Figure, "Position of the joint at which the drive adds the whole moment. [rad]"
+    ]
 
 
 class GasSpring(ModelEntry):
@@ -51,25 +42,19 @@ class GasSpring(ModelEntry):
     Its length is ``l = sqrt(a^2 + b^2 - 2 a b cos(q - angle))``; it pushes its ends apart with
     ``F = force + rate (length - l)``, so the drive adds ``-F dl/dq`` with ``dl/dq = (a b / l)
     sin(q - angle)``.
-
-    Attributes:
-        kind: ``gas_spring``.
-        a: Distance of its fixed end from the axis. [m]
-        b: Distance of its moved end from the axis. [m]
-        angle: Position of the joint at which both ends lie on one side of the axis, in line
-            with it: the gas spring is shortest there. [rad]
-        force: F at `length`. [N]
-        rate: Rise of F per length that the gas is pressed together. [N/m]
-        length: Length that `force` is stated for, usually extended. [m]
     """
 
-    kind: Literal["gas_spring"]
-    a: PositiveFigure
-    b: PositiveFigure
-    angle: Figure
-    force: PositiveFigure
-    rate: PositiveFigure
-    length: PositiveFigure
+    kind: Annotated[Literal["gas_spring"], "``gas_spring``."]
+    a: Annotated[PositiveFigure, "Distance of its fixed end from the axis. [m]"]
+    b: Annotated[PositiveFigure, "Distance of its moved end from the axis. [m]"]
+    angle: Annotated[
+        Figure,
+        "Position of the joint at which both ends lie on one side of the axis, in line with it: "
+        "the gas spring is shortest there. [rad]",
+    ]
+    force: Annotated[PositiveFigure, "F at `length`. [N]"]
+    rate: Annotated[PositiveFigure, "Rise of F per length that the gas is pressed together. [N/m]"]
+    length: Annotated[PositiveFigure, "Length that `force` is stated for, usually extended. [m]"]
 
     @model_validator(mode="after")
     def _check(self) -> GasSpring:

@@ -17,45 +17,37 @@ if TYPE_CHECKING:
 
 
 class LossDrive(ModelEntry):
-    """P_el = P_mech + c0 + c1 |w| + c2 w^2 + copper (1 + alpha (T - 20)) tau^2, motor side.
+    """P_el = P_mech + c0 + c1 |w| + c2 w^2 + copper (1 + alpha (T - 20)) tau^2, motor side."""
 
-    Attributes:
-        constant: c0. [W]
-        linear: c1. [W s/rad]
-        quadratic: c2. [W s^2/rad^2]
-        copper: Copper loss per squared motor torque with windings at 20 degC. [W/(N m)^2]
-        copper_temperature_coefficient: alpha. [1/K]
-    """
-
-    constant: PositiveFigure
-    linear: PositiveFigure
-    quadratic: PositiveFigure
-    copper: PositiveFigure
-    copper_temperature_coefficient: PositiveFigure = PositiveFigure(
+    constant: Annotated[PositiveFigure, "c0. [W]"]
+    linear: Annotated[PositiveFigure, "c1. [W s/rad]"]
+    quadratic: Annotated[PositiveFigure, "c2. [W s^2/rad^2]"]
+    copper: Annotated[
+        PositiveFigure, "Copper loss per squared motor torque with windings at 20 degC. [W/(N m)^2]"
+    ]
+    copper_temperature_coefficient: Annotated[PositiveFigure, "alpha. [1/K]"] = PositiveFigure(
         value=0.0039, tag="assumed", source="copper, usual textbook figure"
     )
 
 
 class EfficiencyMap(ModelEntry):
-    """Reduced efficiency map of one drive (paper B, section 6): points in four quadrants.
+    """Reduced efficiency map of one drive (paper B, section 6): points in four quadrants."""
 
-    Attributes:
-        motor_velocity: Speeds of the points. [rad/s]
-        motor_torque: Torques of the points. [N m]
-        efficiency: P_mech / P_el at the points, not 0; above 1 in the generating
-            quadrants. [-]
-        reach: Standardised distance to the nearest point beyond which the result is
-            flagged as extrapolated. [-]
-        tag: How the points are known.
-        source: Where they come from.
-    """
-
-    motor_velocity: Annotated[list[Number], Field(min_length=1)]
-    motor_torque: Annotated[list[Number], Field(min_length=1)]
-    efficiency: Annotated[list[Number], Field(min_length=1)]
-    reach: Annotated[Number, Field(gt=0)] = 0.5
-    tag: Tag
-    source: str = ""
+    motor_velocity: Annotated[list[Number], Field(min_length=1), "Speeds of the points. [rad/s]"]
+    motor_torque: Annotated[list[Number], Field(min_length=1), "Torques of the points. [N m]"]
+    efficiency: Annotated[
+        list[Number],
+        Field(min_length=1),
+        "P_mech / P_el at the points, not 0; above 1 in the generating quadrants. [-]",
+    ]
+    reach: Annotated[
+        Number,
+        Field(gt=0),
+        "Standardised distance to the nearest point beyond which the result is flagged as "
+        "extrapolated. [-]",
+    ] = 0.5
+    tag: Annotated[Tag, "How the points are known."]
+    source: Annotated[str, "Where they come from."] = ""
 
     @model_validator(mode="after")
     def _check(self) -> EfficiencyMap:
@@ -71,25 +63,25 @@ class LossMap(ModelEntry):
     """P_el = P_mech + L(|w|, |tau| sqrt(1 + alpha (T - 20))), L bilinear between knots, motor side.
 
     Beyond the last knots L continues along its last slopes, flagged as extrapolated.
-
-    Attributes:
-        motor_velocity: Knots of the speed, from 0, rising. [rad/s]
-        motor_torque: Knots of the torque that heats windings at 20 degC alike, from 0, rising.
-            [N m]
-        loss: L, one row per speed, >= 0 and nowhere falling along either axis. [W]
-        copper_temperature_coefficient: alpha. [1/K]
-        tag: How the losses are known.
-        source: Where they come from.
     """
 
-    motor_velocity: Annotated[list[Number], Field(min_length=2)]
-    motor_torque: Annotated[list[Number], Field(min_length=2)]
-    loss: list[list[Annotated[Number, Field(ge=0)]]]
-    copper_temperature_coefficient: PositiveFigure = PositiveFigure(
+    motor_velocity: Annotated[
+        list[Number], Field(min_length=2), "Knots of the speed, from 0, rising. [rad/s]"
+    ]
+    motor_torque: Annotated[
+        list[Number],
+        Field(min_length=2),
+        "Knots of the torque that heats windings at 20 degC alike, from 0, rising. [N m]",
+    ]
+    loss: Annotated[
+        list[list[Annotated[Number, Field(ge=0)]]],
+        "L, one row per speed, >= 0 and nowhere falling along either axis. [W]",
+    ]
+    copper_temperature_coefficient: Annotated[PositiveFigure, "alpha. [1/K]"] = PositiveFigure(
         value=0.0039, tag="assumed", source="copper, usual textbook figure"
     )
-    tag: Tag
-    source: str = ""
+    tag: Annotated[Tag, "How the losses are known."]
+    source: Annotated[str, "Where they come from."] = ""
 
     @model_validator(mode="after")
     def _check(self) -> LossMap:

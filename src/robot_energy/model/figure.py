@@ -27,19 +27,15 @@ class ModelEntry(BaseModel):
 
 
 class Figure(ModelEntry):
-    """One number and how it is known.
+    """One number and how it is known."""
 
-    Attributes:
-        value: In the unit that the owning key documents.
-        tag: How the value is known.
-        std: Standard deviation in the same unit, where identification gave one.
-        source: Where it comes from, in words.
-    """
-
-    value: Number
-    tag: Tag
-    std: Annotated[float, Field(ge=0)] | None = None
-    source: str = ""
+    value: Annotated[Number, "In the unit that the owning key documents."]
+    tag: Annotated[Tag, "How the value is known."]
+    std: Annotated[
+        Annotated[float, Field(ge=0)] | None,
+        "Standard deviation in the same unit, where identification gave one.",
+    ] = None
+    source: Annotated[str, "Where it comes from, in words."] = ""
 
 
 class PositiveFigure(Figure):

@@ -19,54 +19,43 @@ ROUNDING = 1e-6  # of a covariance as it stands in a file
 
 
 class LawEntry(ModelEntry):
-    """Base of the entries: ``law`` names the kind.
+    """Base of the entries: ``law`` names the kind."""
 
-    Attributes:
-        law: Name of the law; each entry narrows it to its own.
-    """
-
-    law: Any
+    law: Annotated[Any, "Name of the law; each entry narrows it to its own."]
 
 
 class ConstantLaw(LawEntry):
-    """Viscous friction that does not depend on temperature.
+    """Viscous friction that does not depend on temperature."""
 
-    Attributes:
-        law: Name of the law.
-        viscous: fv, motor side. [N m s/rad]
-    """
-
-    law: Literal["constant"]
-    viscous: PositiveFigure
+    law: Annotated[Literal["constant"], "Name of the law."]
+    viscous: Annotated[PositiveFigure, "fv, motor side. [N m s/rad]"]
 
 
 class ExponentialLaw(LawEntry):
-    """fv(T) = a + b exp(-T/c), T in degC, motor side (paper A, section III).
+    """fv(T) = a + b exp(-T/c), T in degC, motor side (paper A, section III)."""
 
-    Attributes:
-        law: Name of the law.
-        a: Hot limit. [N m s/rad]
-        b: Amplitude at 0 degC. [N m s/rad]
-        c: Temperature scale. [K]
-        fitted_degc: Range of temperatures behind the fit.
-        std: Greatest standard deviation of fv(T) in that range, where identification gave
-            one; those of a, b and c alone do not give it, since they are correlated. [N m s/rad]
-        covariance: Of a, b and c, three rows of three, where identification gave it: so fv(T) has
-            a standard deviation at every temperature. [N m s/rad] and [K], their products
-        outside: What holds outside the fitted range: ``hold`` the value at its edge; ``extend``
-            the formula; ``auto`` the formula as far as the covariance says that its change from
-            the edge is larger than the standard deviation of that change, then hold. Without
-            this key ``auto`` where there is a covariance, else ``hold``.
-    """
-
-    law: Literal["exponential"]
-    a: PositiveFigure
-    b: PositiveFigure
-    c: Annotated[PositiveFigure, Field()]
-    fitted_degc: tuple[Number, Number]
-    std: Annotated[float, Field(ge=0)] | None = None
-    covariance: Annotated[list[Row], Field(min_length=3, max_length=3)] | None = None
-    outside: Outside | None = None
+    law: Annotated[Literal["exponential"], "Name of the law."]
+    a: Annotated[PositiveFigure, "Hot limit. [N m s/rad]"]
+    b: Annotated[PositiveFigure, "Amplitude at 0 degC. [N m s/rad]"]
+    c: Annotated[PositiveFigure, Field(), "Temperature scale. [K]"]
+    fitted_degc: Annotated[tuple[Number, Number], "Range of temperatures behind the fit."]
+    std: Annotated[
+        Annotated[float, Field(ge=0)] | None,
+        "Greatest standard deviation of fv(T) in that range, where identification gave one; those "
+        "of a, b and c alone do not give it, since they are correlated. [N m s/rad]",
+    ] = None
+    covariance: Annotated[
+        Annotated[list[Row], Field(min_length=3, max_length=3)] | None,
+        "Of a, b and c, three rows of three, where identification gave it: so fv(T) has a "
+        "standard deviation at every temperature. [N m s/rad] and [K], their products",
+    ] = None
+    outside: Annotated[
+        Outside | None,
+        "What holds outside the fitted range: ``hold`` the value at its edge; ``extend`` the "
+        "formula; ``auto`` the formula as far as the covariance says that its change from the "
+        "edge is larger than the standard deviation of that change, then hold. Without this key "
+        "``auto`` where there is a covariance, else ``hold``.",
+    ] = None
 
     @model_validator(mode="after")
     def _check(self) -> ExponentialLaw:
@@ -101,23 +90,22 @@ def _check_covariance(rows: list[list[float]]) -> None:
 
 
 class TableLaw(LawEntry):
-    """fv at identified temperatures, "saved directly" in paper A; monotone between them.
+    """fv at identified temperatures, "saved directly" in paper A; monotone between them."""
 
-    Attributes:
-        law: Name of the law.
-        motor_temperature_degc: Strictly rising, at least two. [degC]
-        viscous: Same length, motor side. [N m s/rad]
-        std: Standard deviations, same length. [N m s/rad]
-        tag: How the points are known.
-        source: Where they come from.
-    """
-
-    law: Literal["table"]
-    motor_temperature_degc: Annotated[list[Number], Field(min_length=2)]
-    viscous: Annotated[list[Annotated[Number, Field(ge=0)]], Field(min_length=2)]
-    std: list[Annotated[float, Field(ge=0)]] | None = None
-    tag: Tag
-    source: str = ""
+    law: Annotated[Literal["table"], "Name of the law."]
+    motor_temperature_degc: Annotated[
+        list[Number], Field(min_length=2), "Strictly rising, at least two. [degC]"
+    ]
+    viscous: Annotated[
+        list[Annotated[Number, Field(ge=0)]],
+        Field(min_length=2),
+        "Same length, motor side. [N m s/rad]",
+    ]
+    std: Annotated[
+        list[Annotated[float, Field(ge=0)]] | None, "Standard deviations, same length. [N m s/rad]"
+    ] = None
+    tag: Annotated[Tag, "How the points are known."]
+    source: Annotated[str, "Where they come from."] = ""
 
     @model_validator(mode="after")
     def _check(self) -> TableLaw:

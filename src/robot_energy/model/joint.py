@@ -18,29 +18,22 @@ from robot_energy.model.friction_laws import LawEntry
 
 
 class Stribeck(ModelEntry):
-    """Extra Coulomb torque near standstill, ``torque * exp(-(|w|/velocity)^exponent)``.
+    """Extra Coulomb torque near standstill, ``torque * exp(-(|w|/velocity)^exponent)``."""
 
-    Attributes:
-        torque: At zero velocity, motor side. [N m]
-        velocity: Motor side. [rad/s]
-        exponent: Without unit.
-    """
-
-    torque: PositiveFigure
-    velocity: PositiveFigure
-    exponent: Annotated[Number, Field(gt=0)] = 2.0
+    torque: Annotated[PositiveFigure, "At zero velocity, motor side. [N m]"]
+    velocity: Annotated[PositiveFigure, "Motor side. [rad/s]"]
+    exponent: Annotated[Number, Field(gt=0), "Without unit."] = 2.0
 
 
 class ViscousExponent(ModelEntry):
-    """Viscous friction by a power of the speed, ``fv(T) velocity sgn(w) (|w|/velocity)^exponent``.
+    """Viscous friction by a power of speed, ``fv(T) velocity sgn(w) (|w|/velocity)^exponent``."""
 
-    Attributes:
-        exponent: Less than 1 where friction grows ever more slowly; > 0. [-]
-        velocity: At which the exponent changes nothing, > 0, motor side. [rad/s]
-    """
-
-    exponent: PositiveFigure
-    velocity: PositiveFigure
+    exponent: Annotated[
+        PositiveFigure, "Less than 1 where friction grows ever more slowly; > 0. [-]"
+    ]
+    velocity: Annotated[
+        PositiveFigure, "At which the exponent changes nothing, > 0, motor side. [rad/s]"
+    ]
 
     @model_validator(mode="after")
     def _check(self) -> ViscousExponent:
@@ -51,25 +44,27 @@ class ViscousExponent(ModelEntry):
 
 
 class JointFriction(ModelEntry):
-    """Friction of one axis, motor side (paper A, eq. 3 and 8).
+    """Friction of one axis, motor side (paper A, eq. 3 and 8)."""
 
-    Attributes:
-        coulomb: fc, independent of temperature. [N m]
-        viscous: The law for fv(T).
-        smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; absent: the plain sign. [rad/s]
-        stribeck: Optional Stribeck term.
-        load_coulomb: Optional Coulomb torque per rigid motor torque. [-]
-        load_saturation: Rigid motor torque beyond which that rises no further; absent: none. [N m]
-        viscous_exponent: Optional power of the speed in viscous friction; absent: the first.
-    """
-
-    coulomb: PositiveFigure
-    viscous: LawEntry  # one of the table of friction laws, see `robot_energy.model.open_schema`
-    smooth_velocity: PositiveFigure | None = None
-    stribeck: Stribeck | None = None
-    load_coulomb: PositiveFigure | None = None
-    load_saturation: PositiveFigure | None = None
-    viscous_exponent: ViscousExponent | None = None
+    coulomb: Annotated[PositiveFigure, "fc, independent of temperature. [N m]"]
+    # One of the table of friction laws, see `robot_energy.model.open_schema`.
+    viscous: Annotated[LawEntry, "The law for fv(T)."]
+    smooth_velocity: Annotated[
+        PositiveFigure | None,
+        "w0 of the smooth sign ``tanh(w/w0)``; absent: the plain sign. [rad/s]",
+    ] = None
+    stribeck: Annotated[Stribeck | None, "Optional Stribeck term."] = None
+    load_coulomb: Annotated[
+        PositiveFigure | None, "Optional Coulomb torque per rigid motor torque. [-]"
+    ] = None
+    load_saturation: Annotated[
+        PositiveFigure | None,
+        "Rigid motor torque beyond which that rises no further; absent: none. [N m]",
+    ] = None
+    viscous_exponent: Annotated[
+        ViscousExponent | None,
+        "Optional power of the speed in viscous friction; absent: the first.",
+    ] = None
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -84,26 +79,31 @@ class JointThermal(ModelEntry):
     ``C_s dT_s/dt = P_s + G_m (T_m - T_s) - G_s (T_s - T_a)`` with the heat
     ``P_m = drive loss + share * friction power + idle`` and ``P_s`` the rest of the friction power;
     without structure ``T_s`` is the ambient.
-
-    Attributes:
-        capacity: C_m, heat capacity of the motor, > 0. [J/K]
-        conductance: G_m, from the motor to the structure, or to the ambient without it. [W/K]
-        structure_capacity: C_s, of gear and links around the motor, > 0. [J/K]
-        structure_conductance: G_s, from the structure to the ambient. [W/K]
-        friction_to_motor: Share of the friction power that heats the motor; without structure
-            all of it does. At most 1. [-]
-        idle: Heat of the motor while samples come, beyond its losses: brakes, electronics. [W]
-        std: Error (RMS) of the temperature of a free run on recordings that the fit has not
-            seen. [K]
     """
 
-    capacity: PositiveFigure
-    conductance: PositiveFigure
-    structure_capacity: PositiveFigure | None = None
-    structure_conductance: PositiveFigure | None = None
-    friction_to_motor: PositiveFigure | None = None
-    idle: PositiveFigure | None = None
-    std: Annotated[float, Field(ge=0)] | None = None
+    capacity: Annotated[PositiveFigure, "C_m, heat capacity of the motor, > 0. [J/K]"]
+    conductance: Annotated[
+        PositiveFigure, "G_m, from the motor to the structure, or to the ambient without it. [W/K]"
+    ]
+    structure_capacity: Annotated[
+        PositiveFigure | None, "C_s, of gear and links around the motor, > 0. [J/K]"
+    ] = None
+    structure_conductance: Annotated[
+        PositiveFigure | None, "G_s, from the structure to the ambient. [W/K]"
+    ] = None
+    friction_to_motor: Annotated[
+        PositiveFigure | None,
+        "Share of the friction power that heats the motor; without structure all of it does. At "
+        "most 1. [-]",
+    ] = None
+    idle: Annotated[
+        PositiveFigure | None,
+        "Heat of the motor while samples come, beyond its losses: brakes, electronics. [W]",
+    ] = None
+    std: Annotated[
+        Annotated[float, Field(ge=0)] | None,
+        "Error (RMS) of the temperature of a free run on recordings that the fit has not seen. [K]",
+    ] = None
 
     @model_validator(mode="after")
     def _check(self) -> JointThermal:
@@ -126,19 +126,18 @@ class JointGear(ModelEntry):
 
     ``C dT_g/dt = P_f - G_m (T_g - T_m) - G_a (T_g - T_a)`` with the friction power P_f, the
     temperature T_m of the motor, measured or estimated, and T_a of the air.
-
-    Attributes:
-        capacity: C, heat capacity of gear and oil, > 0. [J/K]
-        motor_conductance: G_m, from the gear to the motor. [W/K]
-        ambient_conductance: G_a, from the gear to the air; not both 0. [W/K]
-        std: Standard deviation of the temperature that the figures leave open once the start
-            is forgotten. [K]
     """
 
-    capacity: PositiveFigure
-    motor_conductance: PositiveFigure
-    ambient_conductance: PositiveFigure
-    std: Annotated[float, Field(ge=0)] | None = None
+    capacity: Annotated[PositiveFigure, "C, heat capacity of gear and oil, > 0. [J/K]"]
+    motor_conductance: Annotated[PositiveFigure, "G_m, from the gear to the motor. [W/K]"]
+    ambient_conductance: Annotated[
+        PositiveFigure, "G_a, from the gear to the air; not both 0. [W/K]"
+    ]
+    std: Annotated[
+        Annotated[float, Field(ge=0)] | None,
+        "Standard deviation of the temperature that the figures leave open once the start is "
+        "forgotten. [K]",
+    ] = None
 
     @model_validator(mode="after")
     def _check(self) -> JointGear:
@@ -150,40 +149,46 @@ class JointGear(ModelEntry):
 
 
 class Joint(ModelEntry):
-    """One modelled joint and its drive, in the order of the file.
+    """One modelled joint and its drive, in the order of the file."""
 
-    Attributes:
-        name: As in the URDF and in the joint states.
-        gear_ratio: Motor turns per joint turn; its sign is the sense. For a prismatic
-            joint: motor radians per metre.
-        rotor_inertia: Rotor and fast gear parts, motor side. [kg m^2]
-        torque_constant: Motor torque per ampere that the driver reports as effort; only
-            the effort ``motor_current`` needs it. Negative where a positive current turns
-            the motor backward. [N m/A]
-        standstill_velocity: Joint speed below which the joint counts as standing.
-            [rad/s] or [m/s]
-        friction: Friction of this axis.
-        counterbalance: Spring or gas spring that carries part of the weight at this joint.
-        thermal: Thermal network of the motor, for its temperature where no sensor measures it.
-        gear: Temperature of the gear; absent: friction follows the motor temperature.
-        losses: For the drive model ``loss_model``.
-        efficiency_map: For the drive model ``efficiency_map``.
-        loss_map: For the drive model ``loss_map``. Drive models that are registered add their
-            keys, see `robot_energy.model.open_schema`.
-    """
-
-    name: Annotated[str, Field(min_length=1)]
-    gear_ratio: Figure
-    rotor_inertia: PositiveFigure
-    torque_constant: Figure | None = None
-    standstill_velocity: Annotated[Number, Field(gt=0)] = 2e-3
-    friction: JointFriction
-    counterbalance: Counterbalance | None = None
-    thermal: JointThermal | None = None
-    gear: JointGear | None = None
-    losses: LossDrive | None = None
-    efficiency_map: EfficiencyMap | None = None
-    loss_map: LossMap | None = None
+    name: Annotated[str, Field(min_length=1), "As in the URDF and in the joint states."]
+    gear_ratio: Annotated[
+        Figure,
+        "Motor turns per joint turn; its sign is the sense. For a prismatic joint: motor radians "
+        "per metre.",
+    ]
+    rotor_inertia: Annotated[PositiveFigure, "Rotor and fast gear parts, motor side. [kg m^2]"]
+    torque_constant: Annotated[
+        Figure | None,
+        "Motor torque per ampere that the driver reports as effort; only the effort "
+        "``motor_current`` needs it. Negative where a positive current turns the motor backward. "
+        "[N m/A]",
+    ] = None
+    standstill_velocity: Annotated[
+        Number,
+        Field(gt=0),
+        "Joint speed below which the joint counts as standing. [rad/s] or [m/s]",
+    ] = 2e-3
+    friction: Annotated[JointFriction, "Friction of this axis."]
+    counterbalance: Annotated[
+        Counterbalance | None, "Spring or gas spring that carries part of the weight at this joint."
+    ] = None
+    thermal: Annotated[
+        JointThermal | None,
+        "Thermal network of the motor, for its temperature where no sensor measures it.",
+    ] = None
+    gear: Annotated[
+        JointGear | None, "Temperature of the gear; absent: friction follows the motor temperature."
+    ] = None
+    losses: Annotated[LossDrive | None, "For the drive model ``loss_model``."] = None
+    efficiency_map: Annotated[EfficiencyMap | None, "For the drive model ``efficiency_map``."] = (
+        None
+    )
+    loss_map: Annotated[
+        LossMap | None,
+        "For the drive model ``loss_map``. Drive models that are registered add their keys, see "
+        "`robot_energy.model.open_schema`.",
+    ] = None
 
     @model_validator(mode="after")
     def _check(self) -> Joint:

@@ -12,7 +12,7 @@ import yaml
 from robot_energy.foundation.config_file import parse_yaml, read_text, validated
 from robot_energy.foundation.errors import ModelFileError, UrdfAwaitedError
 from robot_energy.foundation.files.output_files import COMMENT, TEXT, write_file
-from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.model.schema import SCHEMA_VERSION, RobotModel
 
 

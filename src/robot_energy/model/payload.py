@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import PayloadError
 from robot_energy.foundation.schema_errors import refusal
 from robot_energy.foundation.shown_text import shown
@@ -19,25 +20,24 @@ MAX_INERTIA = MAX_MASS * MAX_DISTANCE**2  # kg m^2
 ROUNDING = 1e-6  # of the largest principal moment: what figures in a datasheet are rounded by
 
 
+@documented
 class Payload(ModelEntry):
-    """A rigid body fixed to a link.
+    """A rigid body fixed to a link."""
 
-    Attributes:
-        link: Link or frame of the URDF that carries it.
-        mass: [kg]
-        centre_of_mass: In the frame of ``link``. [m]
-        inertia: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, axes of ``link``;
-            all zero for a point mass. [kg m^2]
-        tag: How these are known.
-        source: Where they come from.
-    """
-
-    link: str
-    mass: Annotated[Number, Field(ge=0)]
-    centre_of_mass: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
-    inertia: tuple[Number, Number, Number, Number, Number, Number] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    tag: Tag
-    source: str = ""
+    link: Annotated[str, "Link or frame of the URDF that carries it."]
+    mass: Annotated[Number, Field(ge=0), "[kg]"]
+    centre_of_mass: Annotated[tuple[Number, Number, Number], "In the frame of ``link``. [m]"] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    inertia: Annotated[
+        tuple[Number, Number, Number, Number, Number, Number],
+        "Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, axes of ``link``; all zero for a "
+        "point mass. [kg m^2]",
+    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    tag: Annotated[Tag, "How these are known."]
+    source: Annotated[str, "Where they come from."] = ""
 
     @model_validator(mode="after")
     def _check(self) -> Payload:

@@ -21,6 +21,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.shown import Shown
 from robot_energy.model.auxiliary import MAX_LOADS, AuxiliaryLoad
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -41,31 +42,19 @@ LATE = ("auxiliary", "meter", "hold", "covariance")  # keys that count in an ide
 
 
 class Coupling(ModelEntry):
-    """A wrist coupling: ``motor_velocity[motor] += ratio * joint_velocity[joint]``.
+    """A wrist coupling: ``motor_velocity[motor] += ratio * joint_velocity[joint]``."""
 
-    Attributes:
-        motor: Joint name whose motor turns along.
-        joint: Joint name that makes it turn.
-        ratio: Motor turns per turn of that joint. [-]
-    """
-
-    motor: str
-    joint: str
-    ratio: Figure
+    motor: Annotated[str, "Joint name whose motor turns along."]
+    joint: Annotated[str, "Joint name that makes it turn."]
+    ratio: Annotated[Figure, "Motor turns per turn of that joint. [-]"]
 
 
 class Capacitor(ModelEntry):
-    """DC-link capacitor that takes energy between nominal and chopper voltage.
+    """DC-link capacitor that takes energy between nominal and chopper voltage."""
 
-    Attributes:
-        capacitance: [F]
-        nominal_voltage: Rectified mains. [V]
-        chopper_voltage: Where the brake resistor starts. [V]
-    """
-
-    capacitance: PositiveFigure
-    nominal_voltage: PositiveFigure
-    chopper_voltage: PositiveFigure
+    capacitance: Annotated[PositiveFigure, "[F]"]
+    nominal_voltage: Annotated[PositiveFigure, "Rectified mains. [V]"]
+    chopper_voltage: Annotated[PositiveFigure, "Where the brake resistor starts. [V]"]
 
     @model_validator(mode="after")
     def _check(self) -> Capacitor:
@@ -80,21 +69,32 @@ class Capacitor(ModelEntry):
         return 0.5 * self.capacitance.value * squares
 
 
+class CabinetFan(ModelEntry):
+    """A fan on the grid side that the temperature of the warmest motor switches."""
+
+    power: Annotated[PositiveFigure, "While it runs. [W]"]
+    on_above_degc: Annotated[
+        Figure,
+        "It starts when the warmest motor is warmer. Within its deviation the fan counts by the "
+        "probability that it runs. [degC]",
+    ]
+    hysteresis: Annotated[
+        PositiveFigure | None,
+        "It stops that much below; between the two it stays as it was. Absent: 0. [K]",
+    ] = None
+
+
 class Cabinet(ModelEntry):
-    """Supply and constant losses (paper A, section II-A).
+    """Supply and constant losses (paper A, section II-A)."""
 
-    Attributes:
-        loss_grid: P_l,grid. [W]
-        loss_dc: P_l,DC. [W]
-        regeneration_efficiency: Share of excess bus power returned to the grid; absent:
-            the supply cannot regenerate. [-]
-        capacitor: Optional DC-link capacitor.
-    """
-
-    loss_grid: PositiveFigure
-    loss_dc: PositiveFigure
-    regeneration_efficiency: PositiveFigure | None = None
-    capacitor: Capacitor | None = None
+    loss_grid: Annotated[PositiveFigure, "P_l,grid. [W]"]
+    loss_dc: Annotated[PositiveFigure, "P_l,DC. [W]"]
+    regeneration_efficiency: Annotated[
+        PositiveFigure | None,
+        "Share of excess bus power returned to the grid; absent: the supply cannot regenerate. [-]",
+    ] = None
+    capacitor: Annotated[Capacitor | None, "Optional DC-link capacitor."] = None
+    fan: Annotated[CabinetFan | None, "Optional fan, in addition to the constant losses."] = None
 
     @model_validator(mode="after")
     def _check(self) -> Cabinet:
@@ -102,36 +102,47 @@ class Cabinet(ModelEntry):
             raise ValueError("regeneration_efficiency must be at most 1")
         return self
 
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent key that came later: a model without it keeps its identity."""
+        return without_absent(dump(self), "fan")
+
 
 class Meter(ModelEntry):
-    """How late the power meter shows what is drawn; a counter of energy has neither figure.
+    """How late the power meter shows what is drawn; a counter of energy has neither figure."""
 
-    Attributes:
-        time_constant: T of a low pass in the meter, ``T dy/dt = p - y``; absent: none. [s]
-        delay: Of its readings behind the power; absent: none. [s]
-    """
-
-    time_constant: PositiveFigure | None = None
-    delay: PositiveFigure | None = None
+    time_constant: Annotated[
+        PositiveFigure | None,
+        "T of a low pass in the meter, ``T dy/dt = p - y``; absent: none. [s]",
+    ] = None
+    delay: Annotated[
+        PositiveFigure | None, "Of its readings behind the power; absent: none. [s]"
+    ] = None
 
 
 class Hold(ModelEntry):
-    """What motors hold at rest in addition to the load, as shares of their Coulomb torques.
+    """What motors hold at rest in addition to the load, as shares of their static friction.
 
-    ``tau = tau_r - carried sgn(tau_r) min(fc, |tau_r|) + kept fc d`` with the rigid torque tau_r
-    and the direction d of the last motion, motor side.
-
-    Attributes:
-        kept: Share that stays in the direction of the last motion, -1 to 1. [-]
-        carried: Share by which friction carries the load; less than 0 where motors hold more
-            than it, -1 to 1. [-]
-        std: Standard deviation of the torque at one place, over the Coulomb torque. [-]
+    ``tau = tau_r - carried sgn(tau_r) min(fs, |tau_r|) + kept fs d`` with the rigid torque tau_r,
+    the static friction ``fs = static (fc + load min(|tau_r|, taus))`` and the direction d of the
+    last motion, motor side.
     """
 
-    kept: Figure
-    carried: Figure
-    static: tuple[Annotated[float, Field(ge=0)], ...] = ()
-    std: Annotated[float, Field(ge=0)]
+    kept: Annotated[Figure, "Share that stays in the direction of the last motion, -1 to 1. [-]"]
+    carried: Annotated[
+        Figure,
+        "Share by which friction carries the load; less than 0 where motors hold more than it, -1 "
+        "to 1. [-]",
+    ]
+    static: Annotated[
+        tuple[Annotated[Number, Field(ge=0)], ...] | None,
+        "Static friction of each joint over its Coulomb torque under the load; absent: 1. [-]",
+    ] = None
+    std: Annotated[
+        float,
+        Field(ge=0),
+        "Standard deviation of the torque at one place, over static friction. [-]",
+    ]
 
     @model_validator(mode="after")
     def _check(self) -> Hold:
@@ -140,6 +151,11 @@ class Hold(ModelEntry):
             if not abs(value) <= 1.0:
                 raise ValueError(f"{key} must lie between -1 and 1, found {value}")
         return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent key that came later: a model without it keeps its identity."""
+        return without_absent(dump(self), "static")
 
 
 LOSS_TERMS = ("copper", "linear", "quadratic")  # of the losses of one drive
@@ -150,25 +166,23 @@ class Covariance(ModelEntry):
     """Errors of losses and friction that one meter showed: sums known better than their parts.
 
     Bands take the deviations of these figures from here, and not from the figures' own ``std``.
-
-    Attributes:
-        figures: ``loss_dc``, ``loss_grid``, or a term and its joint, such as ``copper of
-            joint_1``, ``coulomb of joint_1``; motor side. The error of ``viscous of joint_1`` is
-            in standard deviations of its law, at every temperature.
-        matrix: Products of their errors, one row for each figure, in the units of both figures.
-        source: Where they come from.
     """
 
-    figures: Annotated[tuple[str, ...], Field(min_length=1)]
-    matrix: tuple[tuple[Number, ...], ...]
-    source: str = ""
+    figures: Annotated[
+        tuple[str, ...],
+        Field(min_length=1),
+        "``loss_dc``, ``loss_grid``, or a term and its joint, such as ``copper of joint_1``, "
+        "``coulomb of joint_1``; motor side. The error of ``viscous of joint_1`` is in standard "
+        "deviations of its law, at every temperature.",
+    ]
+    matrix: Annotated[
+        tuple[tuple[Number, ...], ...],
+        "Products of their errors, one row for each figure, in the units of both figures.",
+    ]
+    source: Annotated[str, "Where they come from."] = ""
 
     def of(self, names: Collection[str]) -> Covariance | None:
-        """Return that of some figures, None without any of them.
-
-        Args:
-            names: Those that stay.
-        """
+        """Return that of some figures, None without any of them."""
         kept = [place for place, name in enumerate(self.figures) if name in names]
         if not kept:
             return None
@@ -197,19 +211,21 @@ class Covariance(ModelEntry):
 
 
 class TemperatureSettings(ModelEntry):
-    """What to assume where no temperature is known.
+    """What to assume where no temperature is known."""
 
-    Attributes:
-        fallback_degc: Reference temperature used before the first and after a stale
-            reading, -40 to 150. [degC]
-        stale_after: Age at which a reading is no longer used. [s]
-        ambient_degc: Temperature of the air around the robot, for motors with a thermal network;
-            its deviation in K, 3 without one. Absent: the fallback temperature. [degC]
-    """
-
-    fallback_degc: Annotated[Number, Field(ge=-40, le=150)]
-    stale_after: Annotated[Number, Field(gt=0)] = 60.0
-    ambient_degc: Figure | None = None
+    fallback_degc: Annotated[
+        Number,
+        Field(ge=-40, le=150),
+        "Reference temperature used before the first and after a stale reading, -40 to 150. [degC]",
+    ]
+    stale_after: Annotated[Number, Field(gt=0), "Age at which a reading is no longer used. [s]"] = (
+        60.0
+    )
+    ambient_degc: Annotated[
+        Figure | None,
+        "Temperature of the air around the robot, for motors with a thermal network; its "
+        "deviation in K, 3 without one. Absent: the fallback temperature. [degC]",
+    ] = None
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -218,36 +234,29 @@ class TemperatureSettings(ModelEntry):
 
 
 class RobotType(ModelEntry):
-    """Which machine the model is for.
+    """Which machine the model is for."""
 
-    Attributes:
-        type: Manufacturer and type, for tables and state files.
-        serial: Distinguishes robots of one type; registers belong to type and serial.
-        description: A line for tables.
-    """
-
-    type: Annotated[str, Field(min_length=1)]
-    serial: str = ""
-    description: str = ""
+    type: Annotated[str, Field(min_length=1), "Manufacturer and type, for tables and state files."]
+    serial: Annotated[
+        str, "Distinguishes robots of one type; registers belong to type and serial."
+    ] = ""
+    description: Annotated[str, "A line for tables."] = ""
 
 
 class Urdf(ModelEntry):
-    """Where kinematics and inertias come from: a file next to the model, text, or a topic.
+    """Where kinematics and inertias come from: a file next to the model, text, or a topic."""
 
-    Attributes:
-        path: Relative to the model file.
-        xml: The URDF itself.
-        topic: Name of the topic on which the robot publishes it, such as
-            ``robot_description``; read by the nodes, not by a replay.
-        tags: How kinematics, inertias ... are known, by group.
-        source: Where they come from.
-    """
-
-    path: str | None = None
-    xml: str | None = None
-    topic: Annotated[str, Field(min_length=1)] | None = None
-    tags: dict[str, Tag] = Field(default_factory=dict)
-    source: str = ""
+    path: Annotated[str | None, "Relative to the model file."] = None
+    xml: Annotated[str | None, "The URDF itself."] = None
+    topic: Annotated[
+        Annotated[str, Field(min_length=1)] | None,
+        "Name of the topic on which the robot publishes it, such as ``robot_description``; read "
+        "by the nodes, not by a replay.",
+    ] = None
+    tags: Annotated[dict[str, Tag], "How kinematics, inertias ... are known, by group."] = Field(
+        default_factory=dict
+    )
+    source: Annotated[str, "Where they come from."] = ""
 
     @model_validator(mode="after")
     def _check(self) -> Urdf:
@@ -257,19 +266,14 @@ class Urdf(ModelEntry):
 
 
 class Provenance(ModelEntry):
-    """Where the file comes from.
+    """Where the file comes from."""
 
-    Attributes:
-        tool_version: Release that wrote it.
-        data_date: When the recordings behind identified figures were made.
-        bags: Names and hashes of these recordings.
-        notes: What a reader should know, shown by every command that uses the model.
-    """
-
-    tool_version: str = ""
-    data_date: str = ""
-    bags: tuple[str, ...] = ()
-    notes: str = ""
+    tool_version: Annotated[str, "Release that wrote it."] = ""
+    data_date: Annotated[str, "When the recordings behind identified figures were made."] = ""
+    bags: Annotated[tuple[str, ...], "Names and hashes of these recordings."] = ()
+    notes: Annotated[
+        str, "What a reader should know, shown by every command that uses the model."
+    ] = ""
 
 
 def _known_drive(name: str) -> str:
@@ -279,46 +283,56 @@ def _known_drive(name: str) -> str:
     return name
 
 
+@documented
 class RobotModel(ModelEntry, Shown):
-    """One robot's model file, validated.
+    """One robot's model file, validated."""
 
-    Attributes:
-        schema_version: Version of this schema.
-        robot: Which machine it is.
-        urdf: Kinematics and inertias.
-        joints: The modelled joints, in the order of every table and array.
-        coupling: Wrist couplings, where one joint turns the motor of another.
-        payload: Bodies that the robot carries; the nodes can change them while they run.
-        drive: Which drive model turns shaft power into electrical power.
-        cabinet: Supply and constant losses.
-        temperature: What to assume without a motor temperature.
-        provenance: Where the file comes from.
-        auxiliary: Loads at the outlet, outside of the cabinet, such as a pump; a replay and a
-            prediction count them.
-        meter: How late the power meter shows what is drawn; absent: the monitor finds it.
-        hold: What the motors hold at rest in addition to the load; absent: the load alone.
-        covariance: Of losses and friction behind one meter; absent: each errs for itself.
-        massless_links: Links that may move without inertia, on purpose (for example a
-            wrist whose mass is lumped into its neighbour).
-        gravity: In the base frame; it states a mounting on wall or ceiling. [m/s^2]
-    """
-
-    schema_version: Literal[1]
-    robot: RobotType
-    urdf: Urdf
-    gravity: tuple[Number, Number, Number] = (0.0, 0.0, -9.80665)
-    massless_links: tuple[str, ...] = ()
-    joints: Annotated[list[Joint], Field(min_length=1)]
-    coupling: tuple[Coupling, ...] = ()
-    payload: tuple[Payload, ...] = ()
-    drive: Annotated[str, AfterValidator(_known_drive)] = "ideal"
-    cabinet: Cabinet
-    temperature: TemperatureSettings
-    provenance: Provenance = Provenance()
-    auxiliary: Annotated[tuple[AuxiliaryLoad, ...], Field(max_length=MAX_LOADS)] | None = None
-    meter: Meter | None = None
-    hold: Hold | None = None
-    covariance: Covariance | None = None
+    schema_version: Annotated[Literal[1], "Version of this schema."]
+    robot: Annotated[RobotType, "Which machine it is."]
+    urdf: Annotated[Urdf, "Kinematics and inertias."]
+    gravity: Annotated[
+        tuple[Number, Number, Number],
+        "In the base frame; it states a mounting on wall or ceiling. [m/s^2]",
+    ] = (0.0, 0.0, -9.80665)
+    massless_links: Annotated[
+        tuple[str, ...],
+        "Links that may move without inertia, on purpose (for example a wrist whose mass is "
+        "lumped into its neighbour).",
+    ] = ()
+    joints: Annotated[
+        list[Joint],
+        Field(min_length=1),
+        "The modelled joints, in the order of every table and array.",
+    ]
+    coupling: Annotated[
+        tuple[Coupling, ...], "Wrist couplings, where one joint turns the motor of another."
+    ] = ()
+    payload: Annotated[
+        tuple[Payload, ...],
+        "Bodies that the robot carries; the nodes can change them while they run.",
+    ] = ()
+    drive: Annotated[
+        str,
+        AfterValidator(_known_drive),
+        "Which drive model turns shaft power into electrical power.",
+    ] = "ideal"
+    cabinet: Annotated[Cabinet, "Supply and constant losses."]
+    temperature: Annotated[TemperatureSettings, "What to assume without a motor temperature."]
+    provenance: Annotated[Provenance, "Where the file comes from."] = Provenance()
+    auxiliary: Annotated[
+        Annotated[tuple[AuxiliaryLoad, ...], Field(max_length=MAX_LOADS)] | None,
+        "Loads at the outlet, outside of the cabinet, such as a pump; a replay and a prediction "
+        "count them.",
+    ] = None
+    meter: Annotated[
+        Meter | None, "How late the power meter shows what is drawn; absent: the monitor finds it."
+    ] = None
+    hold: Annotated[
+        Hold | None, "What the motors hold at rest in addition to the load; absent: the load alone."
+    ] = None
+    covariance: Annotated[
+        Covariance | None, "Of losses and friction behind one meter; absent: each errs for itself."
+    ] = None
 
     _urdf_xml: str = PrivateAttr(default="")
     _source: str = PrivateAttr(default="<memory>")
@@ -340,6 +354,9 @@ class RobotModel(ModelEntry, Shown):
         loads = [load.name for load in self.auxiliary or ()]
         if repeated := dict.fromkeys(name for name in loads if loads.count(name) > 1):
             raise ValueError(f"names of auxiliary loads repeat: {', '.join(repeated)}")
+        static = None if self.hold is None else self.hold.static
+        if static is not None and len(static) != len(names):
+            raise ValueError(f"hold.static has {len(static)} figures for {len(names)} joints")
         if self.covariance is not None:
             known = self._figures_together()
             if unknown := [name for name in self.covariance.figures if name not in known]:

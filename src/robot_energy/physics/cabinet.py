@@ -9,18 +9,68 @@ A regenerative supply returns the share ``eta`` of ``|D|`` to the grid and loses
 rest, which is counted as loss on the grid side. A DC-link capacitor takes excess first
 and gives it back first. In every case
 ``P_grid = P_dc + P_l,dc + P_l,grid + P_brake + P_capacitor``.
+
+A fan that the warmest motor switches is a part of ``P_l,grid``: ``p P_fan``, with the probability
+``p`` that it runs. At a warmest motor of T this is ``min(max(p, P(T > T_on)), P(T > T_off))``, p on
+the right as it was before, with ``T_off = T_on - hysteresis`` and both uniform within their
+deviations: 0 or 1 outside of these, and between the two as it was.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from math import isfinite
+from math import hypot, isfinite
 
 import numpy as np
 
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.equations import Balance, grid_balance
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+
+UNSEEN = 0.5  # probability that a fan runs before a temperature has shown it
+HALF_WIDTH = 3.0**0.5  # of a uniform distribution, over its standard deviation
+
+
+class FanStage:
+    """Power of the fan by the temperature of the warmest motor."""
+
+    def __init__(self, cabinet: Cabinet) -> None:
+        fan = cabinet.fan
+        self._power = 0.0
+        if fan is not None:
+            self._power = fan.power.value
+            self._on, width = fan.on_above_degc.value, fan.on_above_degc.std or 0.0
+            less = fan.hysteresis
+            self._off = self._on - (0.0 if less is None else less.value)
+            self._widths = width, width if less is None else hypot(width, less.std or 0.0)
+        self._runs = UNSEEN
+
+    def step(self, motor_temperature_degc: Float) -> Float | float:
+        """Return the power that is to be expected, shape (N,); 0 without a fan. [W]
+
+        Args:
+            motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
+        """
+        if self._power == 0.0:
+            return 0.0
+        warmest = np.fmax.reduce(motor_temperature_degc, axis=1)
+        begins = np.flatnonzero(np.diff(warmest, prepend=np.nan) != 0.0)
+        runs = np.empty(len(begins))
+        for place, degc in enumerate(warmest[begins].tolist()):
+            if isfinite(degc):
+                least = _warmer(degc, self._on, self._widths[0])
+                most = _warmer(degc, self._off, self._widths[1])
+                self._runs = min(max(self._runs, least), most)
+            runs[place] = self._runs
+        return self._power * np.repeat(runs, np.diff(np.append(begins, len(warmest))))
+
+
+def _warmer(degc: float, limit: float, std: float) -> float:
+    """Probability that a temperature is above a limit of some deviation."""
+    half = HALF_WIDTH * std
+    if half == 0.0:
+        return float(degc > limit)
+    return min(max(0.5 + 0.5 * (degc - limit) / half, 0.0), 1.0)
 
 
 class CabinetStage:
@@ -41,15 +91,19 @@ class CabinetStage:
         self._stored = 0.0  # J above nominal voltage
         self._last: tuple[int, int] | None = None  # stamp, segment
 
-    def step(self, stamp_ns: Int, segment: Int, bus_power: Float) -> Balance:
+    def step(
+        self, stamp_ns: Int, segment: Int, bus_power: Float, fan_power: Float | float = 0.0
+    ) -> Balance:
         """Return the balance of a block.
 
         Args:
             stamp_ns: Shape (N,); stamps may repeat. [ns]
             segment: Shape (N,). The capacitor is empty at the start of a segment.
             bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
+            fan_power: Added to the loss on the grid side, shape (N,). [W]
         """
-        loss_dc, loss_grid = self._loss_dc + self.offset_dc, self._loss_grid + self.offset_grid
+        loss_dc = self._loss_dc + self.offset_dc
+        loss_grid = self._loss_grid + self.offset_grid + fan_power
         demand = bus_power + loss_dc
         capacitor: Float | float = 0.0
         if self._swing > 0:

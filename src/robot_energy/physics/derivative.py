@@ -87,7 +87,8 @@ class Derivative:
             part = block[slice(start, stop)] if starts else block
             if self._pending is not None and self._pending.segment[-1] != part.segment[0]:
                 out += self.flush()
-            self._follow(part.joint_position)
+            if self._wraps is not None:
+                self._follow(part.joint_position, self._wraps)
             if self._pending is not None:
                 part = JointBlock.concatenate([self._pending, part])
             self._pending = part
@@ -104,14 +105,12 @@ class Derivative:
         """Forget all samples."""
         self._pending, self._done = None, 0
 
-    def _follow(self, position: Float) -> None:
+    def _follow(self, position: Float, wraps: NDArray[np.bool_]) -> None:
         """Note how many turns new positions lack since the segment began, in whole numbers."""
-        if self._wraps is None:
-            return
         first = self._pending is None
         before = position[:1] if self._pending is None else self._pending.joint_position[-1:]
         lost = np.rint(np.diff(position, axis=0, prepend=before) / -FULL_TURN)
-        turns = np.cumsum(np.where(self._wraps & np.isfinite(lost), lost, 0.0), axis=0)
+        turns = np.cumsum(np.where(wraps & np.isfinite(lost), lost, 0.0), axis=0)
         self._turns = turns if first else np.concatenate([self._turns, self._turns[-1] + turns])
 
     def _emit(self, closing: bool) -> list[JointBlock]:
@@ -132,7 +131,13 @@ class Derivative:
             if stop > start:
                 out.append(self._differentiate(buffer, start, stop, measured, too_few))
                 self._done = stop
-        self._forget()
+        if self._done:  # drop what no later window reaches
+            oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._long.behind_ns
+            reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
+            keep = max(0, min(reach, self._done - self._least_behind))
+            self._pending = buffer[slice(keep, None)]
+            self._turns = self._turns[keep:]
+            self._done -= keep
         return out
 
     def _complete(self, buffer: JointBlock, window: _Window) -> int:
@@ -162,18 +167,6 @@ class Derivative:
         low = np.maximum(np.minimum(low, rows - self._least_behind), 0)
         high = np.minimum(np.maximum(high, rows + self._least_ahead), len(stamp) - 1)
         return rows - low, high - rows
-
-    def _forget(self) -> None:
-        """Drop samples that no later window reaches."""
-        buffer = self._pending
-        if buffer is None or self._done == 0:
-            return
-        oldest = int(buffer.stamp_ns[min(self._done, len(buffer) - 1)]) - self._long.behind_ns
-        reach = int(np.searchsorted(buffer.stamp_ns, oldest, side="left"))
-        keep = max(0, min(reach, self._done - self._least_behind))
-        self._pending = buffer[slice(keep, None)]
-        self._turns = self._turns[keep:]
-        self._done -= keep
 
     @np.errstate(
         invalid="ignore", over="ignore", divide="ignore"

@@ -140,13 +140,16 @@ class Drivetrain:
     Args:
         transmission: C, shape (n, n). [motor turns per joint turn]
         rotor_inertia: Motor side, shape (n,). [kg m^2]
+
+    Attributes:
+        torque_map: C^-T, shape (n, n). [joint turns per motor turn]
     """
 
     def __init__(self, transmission: Float, rotor_inertia: Float) -> None:
         self.transmission = transmission
         self.rotor_inertia = rotor_inertia
         try:
-            self._torque_map = torque_map(transmission)
+            self.torque_map = torque_map(transmission)
         except ShapeError as error:
             raise ModelFileError(error.found, error.expected, error.remedy) from error
 
@@ -174,7 +177,7 @@ class Drivetrain:
         Args:
             motor_velocity: Shape (N, n). [rad/s]
         """
-        return mapped(self._torque_map.T, motor_velocity)
+        return mapped(self.torque_map.T, motor_velocity)
 
     def motor_torque_from_joint(self, joint_torque: Float) -> Float:
         """Return motor torque that balances a joint torque, rotors apart, shape (N, n). [N m]
@@ -182,7 +185,7 @@ class Drivetrain:
         Args:
             joint_torque: Shape (N, n). [N m] or [N]
         """
-        return mapped(self._torque_map, joint_torque)
+        return mapped(self.torque_map, joint_torque)
 
     def joint_torque_from_motor(self, motor_torque: Float) -> Float:
         """Return joint torque that balances a motor torque, rotors apart, (N, n). [N m] or [N]

@@ -265,7 +265,7 @@ def loss_model_power(
 def grid_balance(
     bus_power: ArrayLike,
     loss_dc: float = 0.0,
-    loss_grid: float = 0.0,
+    loss_grid: Float | float = 0.0,
     capacitor_power: ArrayLike = 0.0,
     regeneration_efficiency: float | None = None,
 ) -> Balance:
@@ -278,7 +278,7 @@ def grid_balance(
     Args:
         bus_power: P_dc, sum of the drive inputs, shape (N,); NaN gives NaN. [W]
         loss_dc: P_l,dc, constant. [W]
-        loss_grid: P_l,grid, constant. [W]
+        loss_grid: P_l,grid, constant or with a fan, shape () or (N,). [W]
         capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
         regeneration_efficiency: Share that a regenerative supply returns; None: the supply
             returns nothing and a resistor brakes. [-]

@@ -204,7 +204,12 @@ def table_law(entry: TableLaw) -> ViscousLaw:
 
 
 class FrictionModel:
-    """Friction of all axes of one robot."""
+    """Friction of all axes of one robot.
+
+    Attributes:
+        torque: `robot_energy.physics.equations.friction_torque` with the terms of these axes, which
+            takes ``motor_torque_rigid`` and ``standing`` by name.
+    """
 
     def __init__(self, entries: list[JointFriction]) -> None:
         self.laws = [viscous_law(entry.viscous) for entry in entries]
@@ -229,8 +234,11 @@ class FrictionModel:
             self._terms["viscous_exponent"], self._terms["exponent_velocity"] = np.asarray(
                 [(one.exponent.value, one.velocity.value) if one else (1.0, 1.0) for one in bent]
             ).T
-        self._stribeck_velocity = np.asarray([s.velocity.value if s else 1.0 for s in stribeck])
-        self._stribeck_exponent = np.asarray([s.exponent if s else 1.0 for s in stribeck])
+        if "stribeck_torque" in self._terms:
+            self._terms["stribeck_velocity"], self._terms["stribeck_exponent"] = np.asarray(
+                [(s.velocity.value, s.exponent) if s else (1.0, 1.0) for s in stribeck]
+            ).T
+        self.torque = partial(friction_torque, **self._terms)
 
     @classmethod
     def from_model(cls, model: RobotModel) -> FrictionModel:
@@ -295,34 +303,6 @@ class FrictionModel:
             return self.coulomb
         limit = self._terms.get("load_saturation", np.inf)
         return self.coulomb + load * np.minimum(np.abs(motor_torque_rigid), limit)
-
-    def torque(
-        self,
-        motor_velocity: Float,
-        motor_torque_rigid: Float,
-        coulomb: Float,
-        viscous: Float,
-        standing: NDArray[np.bool_],
-    ) -> Float:
-        """Return the friction torque to overcome, motor side, sign of w, shape (N, n). [N m]
-
-        Args:
-            motor_velocity: w, shape (N, n). [rad/s]
-            motor_torque_rigid: Load, for load-dependent friction, shape (N, n). [N m]
-            coulomb: fc, shape (N, n). [N m]
-            viscous: fv at the present temperature, shape (N, n). [N m s/rad]
-            standing: Where the axis counts as standing still: torque 0, shape (N, n).
-        """
-        return friction_torque(
-            motor_velocity,
-            coulomb,
-            viscous,
-            motor_torque_rigid=motor_torque_rigid,
-            stribeck_velocity=self._stribeck_velocity,
-            stribeck_exponent=self._stribeck_exponent,
-            standing=standing,
-            **self._terms,
-        )
 
 
 def with_fixed_friction(

@@ -1,10 +1,10 @@
 """What a motor holds at rest, where friction may carry a part of the load or add to it.
 
 ``tau = tau_r - carried sgn(tau_r) min(fs, |tau_r|) + kept fs d`` with the rigid motor torque tau_r,
-the Coulomb torque under this load, ``fs = fc + load min(|tau_r|, taus)``, and the direction d of
-the last motion: ours, next to paper A, eq. 3. A joint that was stopped by its controller keeps some of the torque that moved it, as friction is a spring
-before it slides (P. Dahl, A solid friction model, 1968); where it creeps back, friction carries
-part of the load.
+the static friction ``fs = static (fc + load min(|tau_r|, taus))`` and the direction d of the last
+motion: ours, next to paper A, eq. 3. A joint that was stopped by its controller keeps some of the
+torque that moved it, as friction is a spring before it slides (P. Dahl, A solid friction model,
+1968); where it creeps back, friction carries part of the load.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class HoldTorque:
     Attributes:
         measurable: Motors whose measured torque is used: not a current times a torque constant
             that is assumed, shape (n,).
-        kept: Share of the Coulomb torque that stays in the direction of the last motion. [-]
+        kept: Share of static friction that stays in the direction of the last motion. [-]
         carried: Share of it by which friction carries the load. [-]
         last_motion: Of each motor.
     """
@@ -49,7 +49,8 @@ class HoldTorque:
     def __init__(self, model: RobotModel, effort: EffortMeaning = EffortMeaning.NONE) -> None:
         entry = model.hold
         self._friction = FrictionModel.from_model(model)
-        self._static = np.asarray(entry.static) if entry is not None and entry.static else None
+        static = None if entry is None else entry.static
+        self._static = 1.0 if static is None else np.asarray(static)
         self.kept = 0.0 if entry is None else entry.kept.value
         self.carried = 0.0 if entry is None else entry.carried.value
         self._std = UNKNOWN if entry is None else entry.std
@@ -59,17 +60,6 @@ class HoldTorque:
             [not by_constant or one is None or one.tag != "assumed" for one in constants]
         )
         self.last_motion = LastMotion(MOVING * motor_standstill(model))
-
-    def follow(self, stamp_ns: Int, motor_velocity: Float) -> Float:
-        """Return the direction of the last motion, shape (N, n), or (n,) where nothing is kept.
-
-        Args:
-            stamp_ns: Shape (N,). [ns]
-            motor_velocity: Shape (N, n). [rad/s]
-        """
-        if not self.kept:
-            return self.last_motion.direction
-        return self.last_motion.follow(stamp_ns, motor_velocity)
 
     def torque(self, motor_torque_rigid: Float, direction: Float) -> Float:
         """Return the torque at rest, shape (N, n). [N m]
@@ -129,8 +119,7 @@ class HoldTorque:
         Args:
             motor_torque: The load, shape (N, n). [N m]
         """
-        coulomb = self._friction.loaded_coulomb(motor_torque)
-        return coulomb if self._static is None else self._static * coulomb
+        return self._static * self._friction.loaded_coulomb(motor_torque)
 
     def std(self, motor_torque: Float) -> Float:
         """Return the standard deviation of the torque at rest, shape (N, n) or (n,). [N m]

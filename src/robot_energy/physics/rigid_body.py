@@ -147,14 +147,23 @@ class Robot:
         Returns:
             Joint side, without friction and rotor inertia, shape (N, n). [N m] or [N]
         """
-        shape = self._check(joint_position, joint_velocity, joint_acceleration)
-        if shape[0] == 0:
-            return np.empty(shape)
+        motion, size = (joint_position, joint_velocity, joint_acceleration), len(joint_position)
+        if {*map(np.shape, motion)} != {(size, self.n_joints)}:
+            self._check(*motion)
+        if size == 0:
+            return np.empty((0, self.n_joints))
         if kernels.compiled is not None and self._table is not None:
-            motion = joint_position, joint_velocity, joint_acceleration
-            torque = self._compiled_torque(kernels.compiled, self._table, *motion)
+            torque = np.empty((self.n_joints, size)).T
+            position, velocity, acceleration = (
+                motion if self._same_order else [values[:, self._to_model] for values in motion]
+            )
+            gravity = np.array(self._model.gravity.linear)
+            kernels.compiled.inverse_dynamics(
+                self._table, gravity, position, velocity, acceleration, torque
+            )
+            torque = torque if self._same_order else torque[:, self._from_model]
         else:
-            torque = self._parallel_torque(joint_position, joint_velocity, joint_acceleration)
+            torque = self._parallel_torque(*motion)
         if any(self.counterbalance):
             add_counterbalance(torque, joint_position, self.counterbalance)
         return torque
@@ -169,16 +178,6 @@ class Robot:
         if not self._same_order:
             torque = torque[self._from_model]
         return np.ascontiguousarray(torque).T
-
-    def _compiled_torque(self, compiled: kernels.Compiled, table: Float, *motion: Float) -> Float:
-        """Return the joint torque by the kernel, from position, velocity and acceleration."""
-        torque = np.empty((self.n_joints, len(motion[0]))).T
-        if not self._same_order:
-            motion = tuple(values[:, self._to_model] for values in motion)
-        position, velocity, acceleration = motion
-        gravity = np.array(self._model.gravity.linear)
-        compiled.inverse_dynamics(table, gravity, position, velocity, acceleration, torque)
-        return torque if self._same_order else torque[:, self._from_model]
 
     @property
     def link_parameters(self) -> Float:

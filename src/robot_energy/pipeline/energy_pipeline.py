@@ -105,9 +105,8 @@ class EnergyPipeline:
         """Compute torques, if there is enough for a step or the stamps have jumped."""
         if not len(joints):
             return None
-        self.torque.arrived(joints)
         self._waiting.append(joints)
-        newest = int(joints.stamp_ns[-1])
+        newest = self.torque.newest_ns = int(joints.stamp_ns[-1])
         if self._done_ns is not None and 0 <= newest - self._done_ns < TOGETHER_NS:
             return None
         self._done_ns = newest

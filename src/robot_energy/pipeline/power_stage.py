@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 from typing import Protocol
 
 import numpy as np
@@ -16,7 +18,7 @@ from robot_energy.certainty.deviation import (
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.cabinet import CabinetStage, FanStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
@@ -40,6 +42,7 @@ from robot_energy.timeline.blocks import (
     differences,
     mark,
     sum_over_joints,
+    taken,
 )
 
 MAX_POWER = 1e6  # no robot draws a megawatt: the joint states are wrong [W]
@@ -58,6 +61,7 @@ class SupplyStage:
     def __init__(self, model: RobotModel, settings: Settings) -> None:
         self.drive = drive_from_model(model)
         self.cabinet = CabinetStage(model.cabinet)
+        self.fan = FanStage(model.cabinet)
         self.hold = HoldTorque(model, settings.effort)
         self._standstill = motor_standstill(model)
         self._fallback_degc = model.temperature.fallback_degc
@@ -98,7 +102,7 @@ class SupplyStage:
 
     def balance(
         self, block: TorqueBlock | PowerBlock, drawn: Float, standing: NDArray[np.bool_],
-        quality: Bits,
+        fan_power: Float | float, quality: Bits,
     ) -> tuple[Float, Balance, NDArray[np.uint8]]:  # fmt: skip
         """Return the power of the bus [W], what the cabinet makes of it, and the phase, (N,) each.
 
@@ -106,11 +110,12 @@ class SupplyStage:
             block: Samples in time order, behind those before.
             drawn: By every drive, shape (N, n). [W]
             standing: Where motors stand, shape (N, n).
+            fan_power: Shape (N,). [W]
             quality: Marked in place where the power is not finite, shape (N,).
         """
         bus = sum_over_joints(drawn)
         bus[np.abs(bus) > MAX_POWER] = np.nan
-        balance = self.cabinet.step(block.stamp_ns, block.segment, bus)
+        balance = self.cabinet.step(block.stamp_ns, block.segment, bus, fan_power)
         finite = np.isfinite(balance.grid_power)
         mark(quality, ~finite, Quality.NOT_FINITE)
         phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
@@ -132,7 +137,8 @@ class SupplyStage:
         shaft = power.rigid_power + power.friction_power
         winding = self.winding(power.motor_temperature_degc)
         drawn = self.drawn(shaft, speed, wound, winding, quality)
-        bus, balance, phase = self.balance(power, drawn, standing, quality)
+        fan = self.fan.step(power.motor_temperature_degc)
+        bus, balance, phase = self.balance(power, drawn, standing, fan, quality)
         return replace(
             power,
             quality=quality,
@@ -322,7 +328,9 @@ class PowerStage:
             block.stamp_ns, quality
         )
         standing = self._supply.standing(speed)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        friction = self._friction.torque(
+            speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+        )
         learned, cabinet = self._condition.learned(speed, friction_degc), self._supply.cabinet
         cabinet.offset_dc = cabinet.offset_grid = 0.0
         if learned is not None:
@@ -330,7 +338,8 @@ class PowerStage:
             coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
             quality |= np.uint32(Quality.LEARNED)
         torque = rigid + friction
-        direction = self._hold.follow(block.stamp_ns, speed)
+        last = self._hold.last_motion
+        direction = last.follow(block.stamp_ns, speed) if self._hold.kept else last.direction
         wound, held_std = torque, None
         if standing.any():
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)
@@ -347,13 +356,14 @@ class PowerStage:
         )
         if stuck is not None and not self._assumed:
             mark(quality, stuck, Quality.TEMPERATURE_STUCK)
-        bus, balance, phase = self._supply.balance(block, drawn, standing, quality)
+        fan = self._supply.fan.step(degc)
+        bus, balance, phase = self._supply.balance(block, drawn, standing, fan, quality)
         turning = np.where(standing, 0.0, speed)
         of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
         held = np.zeros_like(torque)
         if held_std is not None and self._settings.deviations:
             held = self._hold.loss_std(self._supply.drive, wound, held_std, winding)
-        deviation = self._deviations(block, (*of_motors, held), balance)
+        deviation = self._deviations(block, (*of_motors, held), fan, balance)
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
@@ -378,7 +388,11 @@ class PowerStage:
         return power
 
     def _deviations(
-        self, block: TorqueBlock, of_motors: tuple[Float, ...], balance: Balance
+        self,
+        block: TorqueBlock,
+        of_motors: tuple[Float, ...],
+        fan_power: Float | float,
+        balance: Balance,
     ) -> HeldRows:
         """Deviations of the power from the first finite sample of each 10 ms on, or after NaN."""
         if not self._settings.deviations:
@@ -393,7 +407,8 @@ class PowerStage:
         rows = begins.nonzero()[0]
         if len(rows):
             held = self._deviation.columns(
-                *(each[rows] for each in of_motors),
+                *map(itemgetter(rows), of_motors),
+                fan_power=fan_power[rows] if isinstance(fan_power, np.ndarray) else fan_power,
                 payload_mass=block.payload_mass[rows],
                 balance=balance.at(rows),
                 stamp_ns=block.stamp_ns[rows],
@@ -413,15 +428,15 @@ class PowerStage:
         """
         line, row = self._timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
-        coulomb, viscous, std, shared, reading = (
-            values.T.take(row, axis=1).T
-            for values in (
+        coulomb, viscous, std, shared, reading = map(
+            partial(taken, rows=row),
+            (
                 line.coulomb,
                 line.viscous,
                 line.viscous_std,
                 line.viscous_shared_std,
                 line.motor_temperature_degc,
-            )
+            ),
         )
         quality |= line.quality[row]
         deadline = np.where(seen > 0, seen + self._stale_ns, np.iinfo(np.int64).max)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from itertools import starmap
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import PayloadError
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
-from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.drivetrain import Drivetrain, mapped
 from robot_energy.physics.effort import Effort
 from robot_energy.physics.effort_check import EffortCheck
 from robot_energy.physics.rigid_body import Robot
@@ -22,19 +25,16 @@ from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 MAX_COMING = 100  # changes that may wait for their stamps
 
 
-@dataclass(frozen=True)
-class PayloadChange:
-    """A payload and when it comes into force.
+class PayloadChange(Described):
+    """A payload and when it comes into force."""
 
-    Attributes:
-        from_ns: First instant of validity; 0: from the start. [ns]
-        payload: The body that its link carries from then on, instead of any before.
-        carried: All bodies that the robot carries then.
-    """
-
-    from_ns: int
-    payload: Payload
-    carried: tuple[Payload, ...] = field(default=(), compare=False)
+    from_ns: Annotated[int, "First instant of validity; 0: from the start. [ns]"]
+    payload: Annotated[
+        Payload, "The body that its link carries from then on, instead of any before."
+    ]
+    carried: Annotated[tuple[Payload, ...], "All bodies that the robot carries then."] = field(
+        default=(), compare=False
+    )
 
 
 class PayloadTimeline:
@@ -116,6 +116,10 @@ class TorqueStage:
 
     Args:
         settings: Window and lag of the derivative, meaning of the effort.
+
+    Attributes:
+        newest_ns: Newest joint state that has arrived, also one that `step` takes later: a payload
+            that is set now counts after it; None before the first. [ns]
     """
 
     def __init__(self, model: RobotModel, settings: Settings | None = None) -> None:
@@ -133,7 +137,7 @@ class TorqueStage:
             settings.derivative_neighbours,
             robot.limits.wraps,
         )
-        self._newest_ns: int | None = None
+        self.newest_ns: int | None = None
 
     @property
     def robot(self) -> Robot:
@@ -148,7 +152,7 @@ class TorqueStage:
     @property
     def next_payload(self) -> tuple[Payload, ...]:
         """Bodies that the robot carries at the next joint state."""
-        return self._payload.carried_at(0 if self._newest_ns is None else self._newest_ns + 1)
+        return self._payload.carried_at(0 if self.newest_ns is None else self.newest_ns + 1)
 
     def set_payload(self, payload: Payload, from_ns: int | None = None) -> PayloadChange:
         """Return the change of what one link carries, with the instant from which it counts.
@@ -162,25 +166,21 @@ class TorqueStage:
                 on. [ns]
         """
         if from_ns is None:
-            from_ns = 0 if self._newest_ns is None else self._newest_ns + 1
+            from_ns = 0 if self.newest_ns is None else self.newest_ns + 1
         return self._payload.set(payload, from_ns)
-
-    def arrived(self, block: JointBlock) -> None:
-        """Note joint states that `step` takes later: a payload set now counts after them."""
-        self._newest_ns = int(block.stamp_ns[-1])
 
     def step(self, block: JointBlock) -> TorqueBlock | None:
         """Return the torques whose window is complete; None while every sample still waits."""
         if not len(block):
             return None
-        self.arrived(block)
+        self.newest_ns = int(block.stamp_ns[-1])
         return self._torque(self._derivative.step(block))
 
     def plan(self, block: JointBlock) -> TorqueBlock | None:
         """Return the torques of a planned motion, whose accelerations are exact; None for none."""
         if not len(block):
             return None
-        self.arrived(block)
+        self.newest_ns = int(block.stamp_ns[-1])
         return self._torque([block])
 
     def restart(self) -> None:
@@ -195,9 +195,7 @@ class TorqueStage:
         if not parts:
             return None
         joints = JointBlock.concatenate(parts)
-        torque = TorqueBlock.concatenate(
-            [self._rigid(robot, block) for robot, block in self._payload.pieces(joints)]
-        )
+        torque = TorqueBlock.concatenate([*starmap(self._rigid, self._payload.pieces(joints))])
         if self._effort is not None:
             self.effort_check.step(joints.joint_effort, torque.motor_torque_rigid)
         return torque
@@ -208,21 +206,20 @@ class TorqueStage:
 
         ``motor_torque_rigid = C^-T (M qdd + c + g) + rotor_inertia * motor_acceleration``.
         """
-        drivetrain, effort = self._drivetrain, block.joint_effort
-        joint_torque = robot.joint_torque(
-            block.joint_position, block.joint_velocity, block.joint_acceleration
-        )
+        effort, drivetrain = block.joint_effort, self._drivetrain
+        transmission, acceleration = drivetrain.transmission, block.joint_acceleration
+        joint_torque = robot.joint_torque(block.joint_position, block.joint_velocity, acceleration)
         return TorqueBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
             quality=block.quality,
             joint_position=block.joint_position,
             joint_velocity=block.joint_velocity,
-            joint_acceleration=block.joint_acceleration,
+            joint_acceleration=acceleration,
             joint_torque_rigid=joint_torque,
-            motor_velocity=drivetrain.motor_velocity_from_joint(block.joint_velocity),
-            motor_torque_rigid=drivetrain.motor_torque_from_joint(joint_torque)
-            + drivetrain.rotor_torque(block.joint_acceleration),
+            motor_velocity=mapped(transmission, block.joint_velocity),
+            motor_torque_rigid=mapped(drivetrain.torque_map, joint_torque)
+            + mapped(transmission, acceleration) * drivetrain.rotor_inertia,
             motor_torque_measured=np.full_like(effort, np.nan)
             if self._effort is None
             else self._effort.motor_torque(effort),

@@ -14,8 +14,8 @@ from robot_energy.accounting.energy_curve import EnergyCurve, add_compared, add_
 from robot_energy.accounting.registers import MAX_ENERGY
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_records import LogTimes
-from robot_energy.bag.ownership import foreign_entries
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.metadata import foreign_entries
+from robot_energy.bag.reader import TimeRange
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.foundation.errors import BagError, UnknownJointError
 from robot_energy.foundation.files.output_folder import check_folder

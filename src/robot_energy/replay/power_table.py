@@ -91,8 +91,8 @@ def period_table(
     Args:
         compared: What was compared with the meter; None: the table has no measured columns.
     """
-    rigid, friction = block.joint_mean("rigid"), block.joint_mean("friction")
-    loss = block.joint_mean("drive_loss")
+    power = block.powers
+    rigid, friction, loss = power["rigid"], power["friction"], power["drive_loss"]
     return _table(
         block,
         joint_names,
@@ -102,10 +102,10 @@ def period_table(
         {
             "predicted_grid_power": block.predicted_power,
             "bus_power": sum_over_joints(rigid + friction + loss),
-            "loss_dc": block.mean("loss_dc"),
-            "loss_grid": block.mean("loss_grid"),
-            "brake_power": block.mean("brake"),
-            "capacitor_power": block.mean("capacitor"),
+            "loss_dc": power["loss_dc"],
+            "loss_grid": power["loss_grid"],
+            "brake_power": power["brake"],
+            "capacitor_power": power["capacitor"],
         },
     )
 

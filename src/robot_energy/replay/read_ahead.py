@@ -32,7 +32,6 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
     process only: what must come back is part of an item.
 
     Raises:
-        BagError: If the process ended before its last item.
         Exception: What the iterator raises.
     """
     context = get_context("fork")

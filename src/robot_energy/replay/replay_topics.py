@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.bag import BagReader
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.inputs.bag_topics import resolve
 from robot_energy.inputs.joint_states.decode import JOINT_STATE
@@ -12,21 +13,17 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.messages.payload import PAYLOAD
 
 
-@dataclass(frozen=True)
-class Topics:
-    """Which topics of a bag to use; None means to find them by their type.
+class Topics(Described):
+    """Which topics of a bag to use; None means to find them by their type."""
 
-    Attributes:
-        joint_states: Topics of the joint states; several where each brings some joints.
-        temperatures: Topics of motor temperatures; empty for none.
-        meter: The topic of the power meter.
-        payload: The topic of payloads set at run time; empty for none.
-    """
-
-    joint_states: tuple[str, ...] | None = None
-    temperatures: tuple[str, ...] | None = None
-    meter: str | None = None
-    payload: str | None = None
+    joint_states: Annotated[
+        tuple[str, ...] | None, "Topics of the joint states; several where each brings some joints."
+    ] = None
+    temperatures: Annotated[
+        tuple[str, ...] | None, "Topics of motor temperatures; empty for none."
+    ] = None
+    meter: Annotated[str | None, "The topic of the power meter."] = None
+    payload: Annotated[str | None, "The topic of payloads set at run time; empty for none."] = None
 
 
 def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:

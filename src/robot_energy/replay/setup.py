@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.accounting.record import Calibrated
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.condition.learner import ConditionRecord
 from robot_energy.inputs.sources import Inputs, JointStateSource
 from robot_energy.pipeline import Settings

@@ -1,22 +1,19 @@
-"""What all results share: their fields are their JSON.
-
-The annotation of a field says what it is: ``Annotated[float, "Drawn from the grid. [J]"]``.
-"""
+"""What all results share: their fields are their JSON."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Any, ClassVar, cast, dataclass_transform
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from pydantic import BaseModel
 
 from robot_energy import __version__
-from robot_energy.foundation.options import documented
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 
@@ -34,26 +31,15 @@ def known(value: float) -> Number:
     return float(value) if math.isfinite(value) else None
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
-@dataclass(frozen=True)
-class Result(Shown):
-    """Base of the results, which are frozen dataclasses without being decorated.
-
-    A number that is not finite becomes None: it is not known.
-    """
+class Result(Described, Shown):
+    """Base of the results. A number that is not finite becomes None: it is not known."""
 
     NAME: ClassVar[str] = ""  # of the JSON document; empty for a part of one
 
     def __init_subclass__(cls, name: str = "") -> None:
-        """Make a dataclass with what its fields are in its docstring.
-
-        Help, documentation and schema show the docstring.
-
-        Args:
-            name: Of the JSON document; empty for a part of one.
-        """
+        """Give a class the name of its JSON document; empty for a part of one."""
         cls.NAME = name
-        dataclass(frozen=True)(documented(cls))
+        super().__init_subclass__()
         if name:  # all figures of a document fill a page
             cls.__repr__ = Result.__repr__
 

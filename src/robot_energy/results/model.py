@@ -56,6 +56,7 @@ class ModelReport(ModelUsed, name="model"):
     loss_grid: Annotated[float, "Constant loss on the grid side. [W]"]
     regenerates: Annotated[bool, "Whether braking energy returns to the grid."]
     capacitor: Annotated[bool, "Whether the DC-link capacitor is modelled."]
+    fan: Annotated[bool, "Whether a fan of the cabinet is modelled."]
     stale_after: Annotated[float, "Age from which a temperature counts as unknown. [s]"]
     remarks: Annotated[
         Texts, "What contradicts the rest, as figures in wrong units do, one sentence each."
@@ -126,6 +127,7 @@ def model_report(model: RobotModel, robot: Robot) -> ModelReport:
         loss_grid=cabinet.loss_grid.value,
         regenerates=cabinet.regeneration_efficiency is not None,
         capacitor=cabinet.capacitor is not None,
+        fan=cabinet.fan is not None,
         stale_after=model.temperature.stale_after,
         remarks=tuple(implausible(model, robot)),
     )

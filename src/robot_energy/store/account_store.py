@@ -16,7 +16,6 @@ from robot_energy.accounting.record import (
     TraceEntry,
     TraceKind,
 )
-from robot_energy.accounting.totals import DEVIATION_KEYS
 from robot_energy.foundation.errors import RegisterError, StateFileError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
@@ -43,8 +42,7 @@ def identity_of(model: RobotModel, node: str = "") -> Identity:
 def file_name_of(identity: Identity) -> str:
     """Return how the names of the state files of an account begin, readable and unique.
 
-    That is the full name of the node with type and serial of the robot; without a node,
-    as in earlier releases, type and serial alone.
+    That is the full name of the node, if there is one, with type and serial of the robot.
     """
     parts = [identity.robot_type, identity.robot_serial]
     if identity.node:
@@ -71,10 +69,7 @@ def load_account(
     identity = identity_of(model, node)
     slots = None
     if folder is not None:
-        earlier = file_name_of(identity_of(model)) if node else None
-        slots = SlotPair(
-            folder, file_name_of(identity), FORMAT_VERSION, AccountRecord.from_json, earlier, node
-        )
+        slots = SlotPair(folder, file_name_of(identity), FORMAT_VERSION, AccountRecord.from_json)
     return AccountStore(account, identity, slots, submit)
 
 
@@ -86,7 +81,6 @@ class AccountStore(SlotStore[AccountRecord]):
 
     Attributes:
         loaded: Whether the state files were read, so that this is the robot's account.
-        adopted: What was taken over from an earlier release; empty if nothing was.
         sequence: Number of our newest checkpoint; 0 before the first.
     """
 
@@ -100,7 +94,6 @@ class AccountStore(SlotStore[AccountRecord]):
         super().__init__(slots, submit)
         self.account = account
         self.loaded = slots is None
-        self.adopted = ""
         self._identity = identity
         self.sequence = 0
         self._aside: AccountRecord | None = None  # the robot's, while the account counts another's
@@ -210,10 +203,6 @@ class AccountStore(SlotStore[AccountRecord]):
         record = stored.value
         try:
             if record is not None:
-                for what in record.repairs:
-                    limit = "the state held values beyond their limits; they are set to the limit"
-                    self.notices.append(f"{limit}: {what}")
-                    self._note("repaired", self.notices[-1])
                 record = self._fitting(record)
         except StateFileError:
             assert self._slots is not None
@@ -236,12 +225,6 @@ class AccountStore(SlotStore[AccountRecord]):
             how = "; what was counted meanwhile is added"
         self.sequence = self._attempted = stored.sequence
         self._note("restart", f"continued by model {self._identity.model_id}{how}")
-        if stored.adopted:
-            self.adopted = (
-                f"the registers that an earlier release kept for {record.identity.robot_type} "
-                f"go on as those of {self._identity.node}"
-            )
-            self._note("adopted", self.adopted)
         if record.identity.model_id != self._identity.model_id:
             before, after = record.identity.model_id, self._identity.model_id
             self.account.calibration.reset()
@@ -252,7 +235,7 @@ class AccountStore(SlotStore[AccountRecord]):
         """Return the record for our joints; None, after moving it aside, if it is of others."""
         assert self._slots is not None
         mine, found = self._identity, record.identity
-        if found.node not in ("", mine.node):
+        if found.node != mine.node:
             reason = f"the state is of node '{shown(found.node)}'"
         elif (found.robot_type, found.robot_serial) != (mine.robot_type, mine.robot_serial):
             reason = f"the state is of robot '{found.robot_type}' '{found.robot_serial}'"
@@ -262,18 +245,6 @@ class AccountStore(SlotStore[AccountRecord]):
                 f"the model has {', '.join(mine.joint_names)}"
             )
         else:
-            new, old = (
-                {*totals.cabinet_energy_microjoule, *totals.joint_energy_microjoule}
-                for totals in (self.account.totals(), record.totals)
-            )
-            added = new - old
-            if added & DEVIATION_KEYS and not old & DEVIATION_KEYS:
-                added -= DEVIATION_KEYS
-                self._note(
-                    "register_added", "the standard deviation of the energies counts from here"
-                )
-            for name in sorted(added):
-                self._note("register_added", f"register '{name}' counts from here")
             return record.arranged(mine.joint_names, self._loads(record))
         self._began_anew(f"{reason}: {', '.join(self._slots.set_aside())}")
         return None

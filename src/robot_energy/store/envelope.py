@@ -2,18 +2,64 @@
 
 The line names format, sequence number, length and CRC-32; the CRC covers the line itself
 as well. ``head -1`` shows it, ``tail -n +2`` gives plain JSON.
+
+It must be a regular file, no link and nothing that blocks: whoever can put a link there would
+decide what is overwritten. The folder itself may be a link, which its user has set.
 """
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import stat
 import zlib
+from pathlib import Path
 
 from robot_energy.foundation.errors import StateFileError
 
+SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+
+
+def open_regular(path: Path, flags: int, mode: int = 0o644) -> int:
+    """Return the descriptor of a regular file.
+
+    Args:
+        path: The file; its last part must not be a link.
+
+    Raises:
+        OSError: If it cannot be opened, or is a link, pipe, device or folder.
+    """
+    try:
+        file = os.open(path, flags | SAFE, mode)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+            raise OSError(error.errno, "is not a regular file", str(path)) from error
+        raise
+    if stat.S_ISREG(os.fstat(file).st_mode):
+        return file
+    os.close(file)
+    raise OSError(errno.EINVAL, "is not a regular file", str(path))
+
+
+def read_regular(path: Path, limit: int) -> bytes | None:
+    """Return the content of a regular file; None where there is nothing.
+
+    Raises:
+        OSError: If it cannot be read, is not a regular file or is larger.
+    """
+    try:
+        file = open_regular(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return None
+    with os.fdopen(file, "rb") as opened:
+        if os.fstat(file).st_size > limit:
+            raise OSError(errno.EFBIG, f"has over {limit} bytes", str(path))
+        return opened.read(limit)
+
+
 MAGIC = "robot-energy-registers"
-MAX_BYTES = 16 * 1024 * 1024  # written at most; 49 totals of a thousand joints
-MAX_READ_BYTES = 64 * 1024 * 1024  # earlier releases bounded no text
+MAX_BYTES = 16 * 1024 * 1024  # of a payload; 49 totals of a thousand joints
 MAX_SEQUENCE = 10**18 - 1  # the number after it is 1
 MAX_LINE = 200
 _LINE = re.compile(
@@ -24,7 +70,7 @@ _LINE = re.compile(
 
 def wrap(version: int, sequence: int, payload: bytes) -> bytes:
     """Return the content of a state file."""
-    if len(payload) > MAX_READ_BYTES - MAX_LINE:
+    if len(payload) > MAX_BYTES:
         raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
     check = zlib.crc32(payload, zlib.crc32(line))
@@ -59,10 +105,8 @@ def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
         raise StateFileError(f"a file cut after {len(payload)} bytes", f"{size}")
     if wrap(number, sequence, payload) != content[: found.end() + size]:
         raise StateFileError("a damaged file, whose CRC does not fit", "the CRC in its first line")
-    if number > version:
+    if number != version:
         raise StateFileError(
-            f"a state file of format {number}",
-            f"at most {version}",
-            "use the release that wrote it, or a newer one",
+            f"a state file of format {number}", f"format {version}", "use the release that wrote it"
         )
     return sequence, payload

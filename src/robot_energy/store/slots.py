@@ -12,15 +12,22 @@ import fcntl
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.files.placement import sync_folder
-from robot_energy.store.adoption import Adoption
-from robot_energy.store.envelope import MAX_BYTES, MAX_READ_BYTES, follows, is_newer, unwrap, wrap
-from robot_energy.store.state_files import open_regular, read_regular
+from robot_energy.store.envelope import (
+    MAX_BYTES,
+    MAX_LINE,
+    follows,
+    is_newer,
+    open_regular,
+    read_regular,
+    unwrap,
+    wrap,
+)
 
 T = TypeVar("T")
 MAX_ASIDE = 20  # damaged files kept next to the slots
@@ -33,13 +40,11 @@ class Stored(Generic[T]):
     Attributes:
         value: The newest state, or None where there is none.
         sequence: Its number; 0 where there is none.
-        adopted: Whether it was taken over from the files of an earlier release.
     """
 
     value: T | None
     sequence: int
     notices: tuple[str, ...]
-    adopted: bool = False
 
 
 class SlotPair(Generic[T]):
@@ -48,19 +53,9 @@ class SlotPair(Generic[T]):
     Args:
         folder: Where they lie; it is made if it does not exist.
         read: Turns a payload into a state; raises `StateFileError` if it cannot.
-        earlier: How the files of an earlier release begin, to be adopted once; None for
-            none.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        name: str,
-        version: int,
-        read: Callable[[bytes], T],
-        earlier: str | None = None,
-        owner: str = "",
-    ) -> None:
+    def __init__(self, folder: Path, name: str, version: int, read: Callable[[bytes], T]) -> None:
         self.folder = folder
         self.sequence = 0
         self._paths = tuple(folder / f"{name}.{slot}.state" for slot in "ab")
@@ -68,13 +63,12 @@ class SlotPair(Generic[T]):
         self._version = version
         self._read = read
         self._lock: int | None = None
-        self._adoption = None if earlier is None else Adoption(folder, earlier, name, owner)
         self._newest = 1  # slot of the newest state; the first write goes to slot 0
 
     def acquire(self) -> Stored[T]:
         """Return the newest state that can be used, as the only writer from now on.
 
-        A slot that is damaged, or of a newer format, is moved aside and the other one
+        A slot that is damaged, or of another format, is moved aside and the other one
         used. Nothing is ever deleted.
         """
         self.release()
@@ -83,8 +77,7 @@ class SlotPair(Generic[T]):
                 self.folder.mkdir(parents=True, exist_ok=True)
                 sync_folder(self.folder.parent)
             self._take_lock()
-            adopted = self._adoption is not None and self._adoption.take()
-            found = replace(self._read_slots(), adopted=adopted)
+            found = self._read_slots()
         except OSError as error:
             self.release()
             raise _wrapped(error, self.folder) from error
@@ -97,8 +90,6 @@ class SlotPair(Generic[T]):
         path = self._paths[slot]
         try:
             self._check_lock()
-            if len(payload) > MAX_BYTES:
-                raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
             content = wrap(self._version, follows(self.sequence), payload)
             existed = path.exists()
             file = self._open_slot(path)
@@ -218,7 +209,7 @@ class SlotPair(Generic[T]):
 
 def _content(path: Path) -> bytes | None:
     try:
-        return read_regular(path, MAX_READ_BYTES)
+        return read_regular(path, MAX_LINE + MAX_BYTES)
     except OSError as error:
         if error.errno in (errno.EINVAL, errno.ELOOP, errno.ENXIO, errno.EFBIG):
             raise StateFileError(error.strerror or "cannot be read", "a state file") from error

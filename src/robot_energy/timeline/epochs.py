@@ -207,26 +207,26 @@ class EpochSplitter:
     def _calm(self, stamp: Int) -> EpochRun | None:
         """All at once where none is out of reach, as nearly always; else None."""
         assert self.newest_ns is not None
-        first = self.newest_ns
-        steps = differences(stamp, first)
-        rising = bool((steps > 0).all())
-        newest = int(stamp[-1])
-        if rising:
-            if int(steps.max()) > self._least_ahead_ns(steps):
+        ahead, newest, reach = differences(stamp, self.newest_ns), int(stamp[-1]), self._reach
+        rising = bool((ahead > 0).all())
+        if not rising:
+            before = np.maximum.accumulate(np.concatenate([[self.newest_ns], stamp]))
+            ahead, newest = stamp - before[:-1], int(before[-1])
+        steps, most = ahead if rising else ahead[ahead > 0], int(ahead.max())
+        if most > reach.ahead_ns:  # the median of the periods is no shorter than the shortest
+            known = len(self._periods) > 0
+            shortest = min(int(steps.min()), int(self._periods.min())) if known else 0
+            if most > min(REACH_PERIODS * shortest, reach.max_ahead_ns):
                 return None
-        else:
-            before = np.maximum.accumulate(np.concatenate([[first], stamp]))
-            ahead = stamp - before[:-1]
+        if not rising:
             low = int(ahead.min())
-            if low <= -self._reach.behind_ns or int(ahead.max()) > self._least_ahead_ns(ahead):
+            if low <= -reach.behind_ns:
                 return None
             if low < -SECOND_NS:
                 late = ahead[ahead < -SECOND_NS]
                 self.behind += len(late)
                 self.behind_ns = -int(late[-1])
-                self.odd_ns = int(before[-1])
-            newest = int(before[-1])
-            steps = ahead[ahead > 0]
+                self.odd_ns = newest
         self._keep(steps)
         self._accepted += len(stamp)
         self.newest_ns = newest
@@ -249,20 +249,6 @@ class EpochSplitter:
         if not len(self._periods):
             return reach.max_ahead_ns if not reach.prompt else reach.ahead_ns
         return min(max(REACH_PERIODS * self.period_ns, reach.ahead_ns), reach.max_ahead_ns)
-
-    def _least_ahead_ns(self, ahead: Int) -> int:
-        """How far ahead each of some stamps may lie at least. [ns]
-
-        The median of periods is no shorter than the shortest of them.
-
-        Args:
-            ahead: How far each is ahead of the newest before it, shape (N,). [ns]
-        """
-        reach = self._reach
-        if not len(self._periods) or int(ahead.max()) <= reach.ahead_ns:
-            return reach.ahead_ns
-        shortest = min(int(ahead[ahead > 0].min()), int(self._periods.min()))
-        return min(max(REACH_PERIODS * shortest, reach.ahead_ns), reach.max_ahead_ns)
 
     def _continues(self, stamp: int, newest: int) -> bool:
         behind = self._reach.behind_ns if self._sure else self._reach.ahead_ns

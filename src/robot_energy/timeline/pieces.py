@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.units import SECOND_NS
+from robot_energy.foundation.units import NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, differences
+
+WINDOW = 60  # of the rolling residual [s]
+MAX_WAITING = 4096  # intervals whose sums are made together
+
+Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,87 @@ class Compared(Block):
         """No intervals."""
         none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
         return cls(none, none, nothing, nothing, nothing)
+
+
+class NewestMinute:
+    """Sums over the newest minute that was compared, and of energy fed back since the start.
+
+    Sums are integers, so that they do not depend on how the input is cut; few intervals wait for
+    others.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: deque[tuple[int, Sums]] = deque()  # as of the last `sums`
+        self._sums: Sums = [0, 0, 0]
+        self._waiting: list[Compared] = []
+        self._rows = 0  # of them
+        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable."""
+        self._waiting.append(compared)
+        self._rows += len(compared)
+        if self._rows >= MAX_WAITING:
+            self._settle()
+
+    @property
+    def sums(self) -> Sums:
+        """Over the newest minute."""
+        self._settle()
+        return self._sums
+
+    @property
+    def returned_share(self) -> float:
+        """Energy fed back over energy drawn, by the meter; 0 where a prediction gives some. [-]"""
+        self._settle()
+        return 0.0 if self._predicted_returned or not self._drawn else self._returned / self._drawn
+
+    @property
+    def time(self) -> float:
+        """Compared time within it. [s]"""
+        return self.sums[0] * NANOSECOND
+
+    @property
+    def residual_share(self) -> float:
+        """Predicted minus measured energy, relative to measured. [-]
+
+        NaN where nothing was compared or measured.
+        """
+        _, measured, predicted = self.sums
+        return (predicted - measured) / abs(measured) if measured else math.nan
+
+    def _settle(self) -> None:
+        """Count what waits; how it was cut makes no difference."""
+        if not self._rows:
+            return
+        compared = Compared.concatenate(self._waiting)
+        self._waiting.clear()
+        self._rows = 0
+        second = compared.stamp_ns // SECOND_NS
+        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
+        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
+        self._drawn += int(measured[measured > 0].sum())
+        self._returned -= int(measured[measured < 0].sum())
+        self._predicted_returned -= int(predicted[predicted < 0].sum())
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(second)) + 1])
+        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
+        sums = np.add.reduceat(table, starts, axis=0)
+        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
+            self._add(number, row)
+
+    def _add(self, second: int, sums: Sums) -> None:
+        seconds = self.seconds
+        if seconds and second < seconds[-1][0]:
+            seconds.clear()  # the recording loops
+            self._sums = [0, 0, 0]
+        if seconds and second == seconds[-1][0]:
+            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
+        else:
+            seconds.append((second, list(sums)))
+        self._sums = [a + b for a, b in zip(self._sums, sums, strict=True)]
+        while seconds[0][0] <= second - WINDOW:
+            _, old = seconds.popleft()
+            self._sums = [a - b for a, b in zip(self._sums, old, strict=True)]
 
 
 def starts_of(number: Int) -> Int:

@@ -151,7 +151,8 @@ class StreamSplitter(Generic[B]):
     def _taken(self, block: B, found: Sorted) -> list[tuple[B, EpochRun]]:
         self.refused = block[np.asarray(found.strays, dtype=np.int64)] if found.strays else None
         self.held = block[np.asarray(found.held, dtype=np.int64)] if found.held else None
-        self._reject(STRAY_STAMP, len(found.strays))
+        if found.strays:
+            self._reject(STRAY_STAMP, len(found.strays))
         runs: list[tuple[B, EpochRun]] = []
         for run in found.runs:
             arrived = block if run.rows is None else block[np.asarray(run.rows, dtype=np.int64)]

@@ -55,11 +55,7 @@ class BagSource:
         return ", ".join(path.name for path in self.paths)
 
     def meaning(self) -> tuple[EffortMeaning, Inputs | None]:
-        """Return what the effort means, and the inputs of the parameter file.
-
-        Raises:
-            ParameterError: If the parameter file cannot be used.
-        """
+        """Return what the effort means, and the inputs of the parameter file."""
         read, notes = driver_inputs(self.inputs, self.robot)
         if notes:
             raise ParameterError(notes[0], remedy=f"change {self.inputs}")
@@ -83,11 +79,7 @@ class BagSource:
         return found
 
     def with_effort(self, model: RobotModel) -> list[Recording]:
-        """Return bags with measured torque or current as the stages of the monitor read them.
-
-        Raises:
-            ModelFileError: If it is not said what the effort means.
-        """
+        """Return bags with measured torque or current as the stages of the monitor read them."""
         from robot_energy_identify.causes import refuse_torque, torque_evidence
         from robot_energy_identify.plausibility import check_signs
 

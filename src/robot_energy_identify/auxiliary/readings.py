@@ -18,7 +18,12 @@ from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.replay.replay_steps import LoadIngest
 from robot_energy.timeline.blocks import Float, Int, MeterBlock
 from robot_energy.timeline.pieces import CoveredPieces
-from robot_energy_identify.cabinet.cabinet import BEFORE_MOTION, SETTLED, holding, readings_inside
+from robot_energy_identify.cabinet.phase_readings import (
+    BEFORE_MOTION,
+    SETTLED,
+    holding,
+    readings_inside,
+)
 from robot_energy_identify.data.recordings import Recording
 
 AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts
@@ -136,9 +141,6 @@ def outlet_readings(
     """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
 
     Loads with a meter of their own are taken off by it.
-
-    Raises:
-        NotIdentifiableError: If the recording has no meter.
     """
     if recording.meter is None:
         raise NotIdentifiableError(

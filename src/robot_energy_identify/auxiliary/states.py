@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
@@ -23,75 +25,48 @@ OWN, OUTLET = "own meter", "meter of the outlet"
 Tried = tuple[Float, Float, Float, Float]  # measured, new and before [W], time [s], shape (N,)
 
 
-@dataclass(frozen=True)
-class StateFit:
-    """Power of one state.
+class StateFit(Described):
+    """Power of one state."""
 
-    Attributes:
-        load: Name of the load.
-        state: Of the state.
-        power: [W]
-        std: Its standard deviation; None where one reading says nothing of its scatter. [W]
-        parts: Deviations by cause. [W]
-        readings: Behind it.
-        visits: How often the state was in force.
-        time: Of these readings. [s]
-        before: Power in the given model. [W]
-    """
-
-    load: str
-    state: str
-    power: float
-    std: float | None
-    parts: dict[str, float]
-    readings: int
-    visits: int
-    time: float
-    before: float
+    load: Annotated[str, "Name of the load."]
+    state: Annotated[str, "Of the state."]
+    power: Annotated[float, "[W]"]
+    std: Annotated[
+        float | None,
+        "Its standard deviation; None where one reading says nothing of its scatter. [W]",
+    ]
+    parts: Annotated[dict[str, float], "Deviations by cause. [W]"]
+    readings: Annotated[int, "Behind it."]
+    visits: Annotated[int, "How often the state was in force."]
+    time: Annotated[float, "Of these readings. [s]"]
+    before: Annotated[float, "Power in the given model. [W]"]
 
 
-@dataclass(frozen=True)
-class HeldOutStates:
-    """What the fit has not seen, by the new figures and by those of the given model.
+class HeldOutStates(Described):
+    """What the fit has not seen, by the new figures and by those of the given model."""
 
-    Attributes:
-        what: What that was: ``recordings`` or ``end of the recording``.
-        readings: How many.
-        energy: Measured. [J]
-        energy_error: Predicted minus measured, over measured. [-]
-        energy_error_before: The same with the given model. [-]
-        rms: Error of the power. [W]
-        rms_before: The same with the given model. [W]
-    """
-
-    what: str
-    readings: int
-    energy: float
-    energy_error: float
-    energy_error_before: float
-    rms: float
-    rms_before: float
+    what: Annotated[str, "What that was: ``recordings`` or ``end of the recording``."]
+    readings: Annotated[int, "How many."]
+    energy: Annotated[float, "Measured. [J]"]
+    energy_error: Annotated[float, "Predicted minus measured, over measured. [-]"]
+    energy_error_before: Annotated[float, "The same with the given model. [-]"]
+    rms: Annotated[float, "Error of the power. [W]"]
+    rms_before: Annotated[float, "The same with the given model. [W]"]
 
 
-@dataclass(frozen=True)
-class LoadsFit:
-    """States of one load with a meter, or of all loads behind the meter of the outlet.
+class LoadsFit(Described):
+    """States of one load with a meter, or of all loads behind the meter of the outlet."""
 
-    Attributes:
-        loads: Their names.
-        source: `OWN` or `OUTLET`.
-        states: What was found; states without enough readings are left out.
-        held_out: None where too little was left to try it.
-        used: Whether the model takes it: held-out readings are predicted better.
-        notes: What the readings do not determine, one sentence each.
-    """
-
-    loads: tuple[str, ...]
-    source: str
-    states: tuple[StateFit, ...]
-    held_out: HeldOutStates | None
-    used: bool
-    notes: tuple[str, ...] = field(default=())
+    loads: Annotated[tuple[str, ...], "Their names."]
+    source: Annotated[str, "`OWN` or `OUTLET`."]
+    states: Annotated[
+        tuple[StateFit, ...], "What was found; states without enough readings are left out."
+    ]
+    held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
+    used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
+    notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."] = (
+        field(default=())
+    )
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:
@@ -100,11 +75,7 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     The power of a state is its energy over its time.
 
     Args:
-        parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
-
-    Raises:
-        NotIdentifiableError: If no state has enough readings.
     """
     states, notes = _states(load, parts, gain)
     if not states:
@@ -137,7 +108,6 @@ def fit_outlet(
 
     Args:
         loads: Those without a meter of their own, in the order of the columns of the states.
-        parts: Readings of each recording.
         gain: Standard deviation of the gain of the meter. [-]
 
     Returns:

@@ -11,57 +11,58 @@ inside one whole phase count.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation, Phase
+from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.bounds import identified, only_the_sum
+from robot_energy_identify.cabinet.fan import FanFit
+from robot_energy_identify.cabinet.phase_readings import (
+    BEFORE_MOTION,
+    SETTLED,
+    at_rest,
+    fan_power,
+    holding,
+    parted,
+    readings_inside,
+)
 from robot_energy_identify.data.recordings import (
     Recording,
     with_meter,
 )
-from robot_energy_identify.data.rest import rest_of, still_joints, window
+from robot_energy_identify.data.rest import rest_of
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.stats.regression import SCATTER, student
 from robot_energy_identify.stats.systematic import DRIVE_POWER, METER, SMALL, total
 
-MILLISECOND = 1_000_000  # ns
-SETTLED = 500 * MILLISECOND  # after a motion, until the DC link and the drives are at rest
-BEFORE_MOTION = 50 * MILLISECOND
-INSIDE = 10 * MILLISECOND  # between a reading and the ends of a generating phase
-LINK_AT_REST = 1.0  # W
+INSIDE = 10_000_000  # ns between a reading and the ends of a generating phase
 CLEAR = 0.5  # of the DC loss that braking must exceed for a phase to count as generating
-EVENT_GAP = 1_000 * MILLISECOND  # readings further apart belong to different events
 MIN_READINGS = 5
 STORED = 0.05  # of the constant losses: what the DC link may give without being named
 
 
-@dataclass(frozen=True)
-class Level:
-    """Mean power of one phase.
+class Level(Described):
+    """Mean power of one phase."""
 
-    Attributes:
-        power: Less what the drives take in it. [W]
-        std: Standard deviation of the mean, over events, without constant errors. [W]
-        readings: Number of readings.
-        events: Number of separate phases they come from.
-        spread: Greatest difference between events, such as of holding poses. [W]
-        moves: By one standard deviation of each constant error, by cause. [W]
-    """
-
-    power: float
-    std: float
-    readings: int
-    events: int
-    spread: float
-    moves: dict[str, float] = field(default_factory=dict[str, float])
+    power: Annotated[float, "Less what the drives take in it. [W]"]
+    std: Annotated[
+        float, "Standard deviation of the mean, over events, without constant errors. [W]"
+    ]
+    readings: Annotated[int, "Number of readings."]
+    events: Annotated[int, "Number of separate phases they come from."]
+    spread: Annotated[float, "Greatest difference between events, such as of holding poses. [W]"]
+    moves: Annotated[
+        dict[str, float], "By one standard deviation of each constant error, by cause. [W]"
+    ] = field(default_factory=dict[str, float])
 
     @property
     def parts(self) -> dict[str, float]:
@@ -108,32 +109,34 @@ class Level:
         )
 
 
-@dataclass(frozen=True)
-class CabinetFit:
-    """Constant losses of the cabinet.
+class CabinetFit(Described):
+    """Constant losses of the cabinet."""
 
-    Attributes:
-        location: Where the meter sits.
-        hold: ``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if too few
-            readings lie inside rest.
-        generating: ``P_l,grid``; None if it never brakes hard enough, or not at the grid.
-        loss_grid: P_l,grid, None where the data do not determine it. [W]
-        loss_grid_std: None too where only the sum of both losses is identifiable. [W]
-        loss_dc: P_l,DC. [W]
-        loss_dc_std: [W]
-        notes: What the data cannot separate and what was done instead, one sentence each.
-        parts: Of the deviations of ``loss_grid``, ``loss_dc`` and ``sum``, by cause. [W]
-    """
-
-    location: MeterLocation
-    hold: Level | None
-    generating: Level | None
-    loss_grid: float | None
-    loss_grid_std: float | None
-    loss_dc: float | None
-    loss_dc_std: float | None
-    notes: tuple[str, ...]
-    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
+    location: Annotated[MeterLocation, "Where the meter sits."]
+    hold: Annotated[
+        Level | None,
+        "``P_l,grid + P_l,DC``, or ``P_l,DC`` for a meter on the DC bus; None if too few readings "
+        "lie inside rest.",
+    ]
+    generating: Annotated[
+        Level | None, "``P_l,grid``; None if it never brakes hard enough, or not at the grid."
+    ]
+    loss_grid: Annotated[float | None, "P_l,grid, None where the data do not determine it. [W]"]
+    loss_grid_std: Annotated[
+        float | None, "None too where only the sum of both losses is identifiable. [W]"
+    ]
+    loss_dc: Annotated[float | None, "P_l,DC. [W]"]
+    loss_dc_std: Annotated[float | None, "[W]"]
+    notes: Annotated[
+        tuple[str, ...],
+        "What the data cannot separate and what was done instead, one sentence each.",
+    ]
+    parts: Annotated[
+        dict[str, dict[str, float]],
+        "Of the deviations of ``loss_grid``, ``loss_dc`` and ``sum``, by cause. [W]",
+    ] = field(default_factory=dict[str, dict[str, float]])
+    fan: Annotated[FanFit | None, "Whose power is taken off; None where none was found."] = None
+    fan_reason: Annotated[str, "Why none was found; empty otherwise."] = ""
 
 
 Rest = tuple[Level, tuple[str, ...]]
@@ -171,12 +174,20 @@ def fit_cabinet(recordings: Sequence[Recording], rest: Rest | None = None) -> Ca
     if rest is not None:
         hold: Level | None = rest[0]
     else:
-        rested = [_at_rest(*entry) for entry in zip(metered, resting, strict=True)]
+        rested = [at_rest(*entry) for entry in zip(metered, resting, strict=True)]
+        rested = [
+            (rows, power - fan_power(part, rows))
+            for part, (rows, power) in zip(metered, rested, strict=True)
+        ]
         hold = _level(rested, metered[0].sensors.std.meter)
     generating = None
     if location is MeterLocation.GRID and cabinet.regeneration_efficiency is None:
         fed = [readings_inside(part, _feeding(part), INSIDE, INSIDE) for part in metered]
-        generating = _level([(rows, rows.mean_power) for rows in fed], metered[0].sensors.std.meter)
+        less_fan = [
+            (rows, rows.mean_power - fan_power(part, rows))
+            for part, rows in zip(metered, fed, strict=True)
+        ]
+        generating = _level(less_fan, metered[0].sensors.std.meter)
     if hold is None and generating is None:
         raise NotIdentifiableError(
             f"{why}, and none inside hard braking",
@@ -306,58 +317,11 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     return model.changed(cabinet=model.cabinet.model_copy(update=update))
 
 
-def holding(recording: Recording) -> NDArray[np.bool_]:
-    """Return where no joint moves in most samples around, by the noise of the velocities.
-
-    Not while the drives feed back, nor while a DC link that the model knows takes or gives.
-    """
-    power = recording.power
-    resting = still_joints(recording).all(axis=1) & np.isin(power.phase, (Phase.HOLD, Phase.MOTION))
-    resting &= np.abs(power.capacitor_power) <= LINK_AT_REST
-    held = np.concatenate([[0], np.cumsum(resting)])
-    first, last = window(power.stamp_ns)
-    return np.asarray(held[last] - held[first] > 0.5 * (last - first))
-
-
 def _feeding(recording: Recording) -> NDArray[np.bool_]:
     """Where the drives feed back clearly more than the DC side uses."""
     power = recording.power
     excess = -(power.bus_power + power.loss_dc)
     return np.asarray(excess > CLEAR * np.maximum(power.loss_dc, 50.0))
-
-
-def readings_inside(
-    recording: Recording, phase: NDArray[np.bool_], after: int, before: int
-) -> CoveredPieces:
-    """Return the pieces of the meter's curve that lie inside one phase, away from its ends.
-
-    Args:
-        phase: Whether each sample is in the phase, shape (N,).
-        after: From the begin of the phase to a piece at least. [ns]
-        before: From a piece to the end of the phase at least. [ns]
-    """
-    meter = recording.meter
-    if meter is None:
-        return CoveredPieces.empty()
-    stamp = recording.power.stamp_ns
-    outside = np.concatenate([[0], np.cumsum(~phase)])
-    kept = CoveredPieces.empty()
-    for part in recording.limits.pieces(meter):
-        first = np.searchsorted(stamp, part.stamp_ns - after, side="left")
-        last = np.searchsorted(stamp, part.end_ns + before, side="right")
-        inside = (first > 0) & (last < len(stamp)) & (last > first)
-        last = np.minimum(last, len(stamp))
-        kept = kept.join(part[inside & (outside[last] == outside[np.minimum(first, last)])])
-    return kept
-
-
-def _at_rest(recording: Recording, rest: NDArray[np.bool_]) -> tuple[CoveredPieces, Float]:
-    """Pieces inside rest, and their power minus what the model says the drives take. [W]"""
-    pieces = readings_inside(recording, rest, SETTLED, BEFORE_MOTION)
-    middle = (pieces.stamp_ns + pieces.end_ns) // 2
-    row = np.searchsorted(recording.power.stamp_ns, middle)
-    row = np.minimum(row, len(recording.power) - 1)
-    return pieces, pieces.mean_power - recording.power.bus_power[row]
 
 
 def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level | None:
@@ -368,8 +332,7 @@ def _level(parts: Sequence[tuple[CoveredPieces, Float]], gain: float) -> Level |
         if not len(pieces):
             continue
         readings += len(pieces)
-        apart = pieces.stamp_ns[1:] - pieces.end_ns[:-1] > EVENT_GAP
-        means += [float(part.mean()) for part in np.split(power, np.flatnonzero(apart) + 1)]
+        means += [float(part.mean()) for part in parted(pieces, power)]
     if readings < MIN_READINGS:
         return None
     values = np.asarray(means)

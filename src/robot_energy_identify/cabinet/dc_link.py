@@ -11,12 +11,14 @@ cannot stand in for each other. The constant itself is not changed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.band import Z95
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -55,46 +57,36 @@ MAX_HALF_WIDTH = 0.5  # of the energy: half width of a 95 % interval that still 
 Voltages = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class LinkFit:
+class LinkFit(Described):
     """Energy between the rectified voltage and that of the chopper.
 
     A chopper with hysteresis leaves the link between two voltages; the energy is then what
     the link holds on the average when braking ends.
-
-    Attributes:
-        energy: [J]
-        std: Of the scatter between blocks and of constant errors together. [J]
-        interval: Of 95 %. [J]
-        loss_dc_shift: By which the constant of the DC side would change if it were free. [W]
-        loss_dc_shift_std: [W]
-        events: How often the link was full.
-        readings: Of the meter.
-        spacing: Median time that a reading stands for. [s]
-        emptying: Median time for which the link holds energy. [s]
-        held_out: ``recordings`` or ``blocks``.
-        given: The model as given on what was held out; constants as the model has them.
-        identified: With the energy from the other folds.
-        tried: Energies that were tried, rising, shape (K,). [J]
-        tried_rms: RMS error with each, fitted readings, constant free, shape (K,). [W]
-        parts: Of the standard deviation, by cause. [J]
     """
 
-    energy: float
-    std: float
-    interval: tuple[float, float]
-    loss_dc_shift: float
-    loss_dc_shift_std: float
-    events: int
-    readings: int
-    spacing: float
-    emptying: float
-    held_out: Kind
-    given: EnergyScore
-    identified: EnergyScore
-    tried: Float
-    tried_rms: Float
-    parts: dict[str, float] = field(default_factory=dict[str, float])
+    energy: Annotated[float, "[J]"]
+    std: Annotated[float, "Of the scatter between blocks and of constant errors together. [J]"]
+    interval: Annotated[tuple[float, float], "Of 95 %. [J]"]
+    loss_dc_shift: Annotated[
+        float, "By which the constant of the DC side would change if it were free. [W]"
+    ]
+    loss_dc_shift_std: Annotated[float, "[W]"]
+    events: Annotated[int, "How often the link was full."]
+    readings: Annotated[int, "Of the meter."]
+    spacing: Annotated[float, "Median time that a reading stands for. [s]"]
+    emptying: Annotated[float, "Median time for which the link holds energy. [s]"]
+    held_out: Annotated[Kind, "``recordings`` or ``blocks``."]
+    given: Annotated[
+        EnergyScore, "The model as given on what was held out; constants as the model has them."
+    ]
+    identified: Annotated[EnergyScore, "With the energy from the other folds."]
+    tried: Annotated[Float, "Energies that were tried, rising, shape (K,). [J]"]
+    tried_rms: Annotated[
+        Float, "RMS error with each, fitted readings, constant free, shape (K,). [W]"
+    ]
+    parts: Annotated[dict[str, float], "Of the standard deviation, by cause. [J]"] = field(
+        default_factory=dict[str, float]
+    )
 
     @property
     def reason(self) -> str:

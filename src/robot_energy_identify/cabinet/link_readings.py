@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.cabinet import CabinetStage, FanStage
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.data.recordings import Recording
@@ -125,8 +125,9 @@ def readings_of(
         stamp, segment, bus = power.stamp_ns, power.segment, power.bus_power
         if change is not None:
             bus = bus + change[number]
+        fan = FanStage(cabinets[0]).step(power.motor_temperature_degc)
         grid = np.column_stack(
-            [CabinetStage(entry).step(stamp, segment, bus).grid_power for entry in cabinets]
+            [CabinetStage(entry).step(stamp, segment, bus, fan).grid_power for entry in cabinets]
         )
         integrals = Integrals(stamp, segment, grid)
         for pieces in recording.limits.pieces(meter):

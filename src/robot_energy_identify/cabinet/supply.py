@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.cabinet import CabinetStage, FanStage
 from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
+from robot_energy_identify.cabinet.fan import with_fan
 from robot_energy_identify.data.recordings import Recording, spread
 from robot_energy_identify.drives.delays import (
     meter_lags,
@@ -69,7 +70,9 @@ def fit_supply(
     low_pass, delay = meter_lags(read)
     undone = applied(delay), applied(low_pass)
     recordings = [part.with_meter_earlier(*undone) for part in recordings]
-    given = recordings[0].model
+    given, fan, fan_reason = with_fan(recordings[0].model, recordings, source)
+    if fan is not None:
+        recordings = [_rebalanced(part, given.cabinet) for part in recordings]
     cabinet = fit_cabinet(recordings)
     model = with_cabinet(given, cabinet, source)
     link, reason = _link(recordings, model)
@@ -85,6 +88,7 @@ def fit_supply(
     if link is not None and not reason:
         model, note = with_link(model, link, source, voltages)
     model = with_response(model, low_pass, delay, source)
+    cabinet = replace(cabinet, fan=fan, fan_reason=fan_reason)
     return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
 
 
@@ -99,7 +103,8 @@ def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit |
 def _rebalanced(recording: Recording, cabinet: Cabinet) -> Recording:
     """A recording as if its model had another cabinet; what was compared stays out."""
     power = recording.power
-    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power)
+    fan = FanStage(cabinet).step(power.motor_temperature_degc)
+    flows = CabinetStage(cabinet).step(power.stamp_ns, power.segment, power.bus_power, fan)
     return replace(
         recording,
         model=recording.model.model_copy(update={"cabinet": cabinet}),

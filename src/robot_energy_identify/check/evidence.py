@@ -1,9 +1,13 @@
-"""A recording run through the stages of the monitor, and what the checks need of it."""
+"""A recording run through the stages of the monitor, and what the checks need of it.
+
+Of a recording of any length whole windows are kept, evenly spread: memory is bounded.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +19,12 @@ from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.torque_limits import TorqueLimitWatch
+from robot_energy.pipeline import Output
 from robot_energy.replay.bag_replay import Replay
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
+    Block,
     EffortMeaning,
     Float,
     Int,
@@ -35,6 +41,14 @@ BY_SAMPLE = (
 )  # fmt: skip
 HARMLESS = ("duplicate_stamp", "unknown_joint")  # said twice, or of another robot
 MAX_ROWS = 300  # of the torque checks: many times the samples that count as independent
+WINDOW_NS = 10_000_000_000
+MAX_SAMPLES = 60_000  # kept; some 0.5 kB each for six joints
+NEEDED = (
+    "joint_position", "joint_velocity", "joint_acceleration", "motor_torque_measured",
+    "shaft_power_measured", "motor_temperature_degc",
+)  # fmt: skip
+Kept = TypeVar("Kept", bound=Block)
+Window = tuple[list[TorqueBlock], list[PowerBlock], list[MeterBlock]]
 
 
 @dataclass(frozen=True)
@@ -45,7 +59,6 @@ class Remarks:
         problems: Of the bag, one sentence each.
         temperatures: Of the motor temperatures; None where no topic brings any.
         stuck: Joints whose temperature stood still while their losses must have warmed it.
-        meter: Of the meter.
         effort_factors: Factor of measured over body torque and their correlation, for each
             meaning of the effort; see `EffortCheck.factors`.
         stream: What is wrong with stamps and publishers of the joint states.
@@ -70,9 +83,7 @@ class Evidence:
     """What the checks look at. Joint side unless it says ``motor``; n joints.
 
     Attributes:
-        model: The model that the recording is checked against.
         robot: Its rigid bodies, with its payload.
-        drivetrain: Its gears and rotors.
         effort: What the effort of the recording was said to mean.
         stamp_ns: Of the samples with position and velocity, shape (N,). [ns]
         segment: Stretches without gaps, shape (N,).
@@ -134,11 +145,7 @@ class Evidence:
         return replace(few, supply=None, shaft_power=None, meter=None) if without_power else few
 
     def rows(self, chosen: slice) -> Evidence:
-        """Return some of the samples.
-
-        Args:
-            chosen: Which.
-        """
+        """Return some of the samples."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in BY_SAMPLE})
 
     @property
@@ -151,11 +158,7 @@ class Evidence:
 
 
 def remarks_of(result: Replay) -> Remarks:
-    """Return what the stages noticed in a replay.
-
-    Args:
-        result: The replay, at its end.
-    """
+    """Return what the stages noticed in a replay."""
     account = result.joint_states.rejections
     stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
     return Remarks(
@@ -190,12 +193,7 @@ def evidence_of(
     """Return the evidence in what the stages of the monitor gave.
 
     Args:
-        model: The model to check against.
-        effort: What the effort in the joint states means.
-        torque: Of every sample.
         power: Of the same samples, of some of them, or None.
-        meter: Readings; None without a meter.
-        remarks: What the stages noticed.
         inputs: How the recording was read; None: as the types of its topics say.
         carried: Payload in force at the end; None: that of the model.
         beyond_torque: As in `Evidence`; None: from these samples.
@@ -296,3 +294,66 @@ def velocity_noise(stamps: Int, velocity: Float) -> Float:
     rest: Float = windows - windows.mean(axis=1, keepdims=True) - slope * ramp
     ordered = np.sort(np.std(rest, axis=1), axis=0)
     return np.asarray(ordered[int(0.05 * len(ordered))], dtype=np.float64)
+
+
+class Windows:
+    """Keeps all windows, then every second one, every fourth, ... as they become too many."""
+
+    def __init__(self, model: RobotModel) -> None:
+        robot = Robot.from_model(model)
+        self._limits = TorqueLimitWatch(robot.limits, Drivetrain.from_model(model))
+        self._begin = self._samples = 0
+        self._every = 1
+        self._windows: dict[int, Window] = {}
+
+    @property
+    def beyond(self) -> dict[str, str]:
+        """Joints of the whole recording that need more than their torque limit too often."""
+        return self._limits.sentences()
+
+    def take(self, output: Output) -> None:
+        """Keep what one step gave."""
+        if output.torque is not None:
+            self._limits.step(output.torque)
+        for kind, block in enumerate((output.torque, output.power, output.meter)):
+            if block is None or not len(block):
+                continue
+            self._begin = self._begin or int(block.stamp_ns[0])
+            number = (int(block.stamp_ns[0]) - self._begin) // WINDOW_NS
+            if number % self._every:
+                continue
+            window = self._windows.setdefault(number, ([], [], []))
+            window[kind].append(_needed(block))  # type: ignore[arg-type]
+            if kind == 0:
+                self._samples += len(block)
+        while self._samples > MAX_SAMPLES and len(self._windows) > 1:
+            self._every *= 2
+            for number in [one for one in self._windows if one % self._every]:
+                self._samples -= sum(map(len, self._windows.pop(number)[0]))
+
+    def blocks(self) -> tuple[TorqueBlock, PowerBlock | None, MeterBlock | None]:
+        """Return what is kept; a window that does not follow the one before is a segment."""
+        torque: list[TorqueBlock] = []
+        power: list[PowerBlock] = []
+        meter: list[MeterBlock] = []
+        for number, window in sorted(self._windows.items()):
+            apart = number << 32 if self._every > 1 else 0
+            torque += [replace(one, segment=one.segment + apart) for one in window[0]]
+            power += [replace(one, segment=one.segment + apart) for one in window[1]]
+            meter += window[2]
+        return (
+            TorqueBlock.concatenate(torque),
+            PowerBlock.concatenate(power) if power else None,
+            MeterBlock.concatenate(meter) if meter else None,
+        )
+
+
+def _needed(block: Kept) -> Kept:
+    """Without the columns of each joint that no check looks at."""
+    none = np.empty((len(block), 0))
+    wide = {
+        one.name: none
+        for one in fields(block)
+        if one.name not in NEEDED and np.ndim(getattr(block, one.name)) == 2
+    }
+    return replace(block, **wide)

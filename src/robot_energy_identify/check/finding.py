@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
+
+from robot_energy.foundation.described import Described
 
 ERROR = "error"
 WARNING = "warning"
@@ -17,53 +20,46 @@ OF_THE_COMMAND = re.compile(r" \(--[a-z-]+\)")
 MODEL = "model file"
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One thing that does not fit, or that cannot be known from the recording.
+class Finding(Described):
+    """One thing that does not fit, or that cannot be known from the recording."""
 
-    Attributes:
-        cause: Name of the cause, such as ``torque_sign``; stable, for programs. That of a note
-            on what cannot be judged begins with ``unjudged.``.
-        severity: ``error``: figures are wrong; ``warning``: they may be; ``note``: for reading.
-        subject: Joint names, ``meter``, ``temperature`` or ``payload``.
-        sentence: What was found, with the evidence in numbers.
-        evidence: The number behind it, in the unit that the sentence states.
-        certainty: How sure, 0 to 1: the share of the variance that this cause explains. NaN where
-            the evidence is a count, or the size of the cause.
-        remedy: The line of YAML that mends it, or the action; may be empty.
-        remedy_in: The file that the line of YAML belongs to; empty where ``remedy`` is an action.
-        alternatives: Other causes that explain the recording as well, so that none is blamed;
-            ``bodies`` for masses and centres that are further off than the model says.
-    """
+    cause: Annotated[
+        str,
+        "Name of the cause, such as ``torque_sign``; stable, for programs. That of a note on what "
+        "cannot be judged begins with ``unjudged.``.",
+    ]
+    severity: Annotated[
+        str, "``error``: figures are wrong; ``warning``: they may be; ``note``: for reading."
+    ]
+    subject: Annotated[tuple[str, ...], "Joint names, ``meter``, ``temperature`` or ``payload``."]
+    sentence: Annotated[str, "What was found, with the evidence in numbers."]
+    evidence: Annotated[float, "The number behind it, in the unit that the sentence states."]
+    certainty: Annotated[
+        float,
+        "How sure, 0 to 1: the share of the variance that this cause explains. NaN where the "
+        "evidence is a count, or the size of the cause.",
+    ]
+    remedy: Annotated[str, "The line of YAML that mends it, or the action; may be empty."] = ""
+    remedy_in: Annotated[
+        str, "The file that the line of YAML belongs to; empty where ``remedy`` is an action."
+    ] = ""
+    alternatives: Annotated[
+        tuple[str, ...],
+        "Other causes that explain the recording as well, so that none is blamed; ``bodies`` for "
+        "masses and centres that are further off than the model says.",
+    ] = ()
 
-    cause: str
-    severity: str
-    subject: tuple[str, ...]
-    sentence: str
-    evidence: float
-    certainty: float
-    remedy: str = ""
-    remedy_in: str = ""
-    alternatives: tuple[str, ...] = ()
 
+class CheckResult(Described):
+    """All findings of one recording with one model."""
 
-@dataclass(frozen=True)
-class CheckResult:
-    """All findings of one recording with one model.
-
-    Attributes:
-        recording: Path of the bag.
-        model: Type of the robot and id of the model.
-        findings: Errors first.
-        checked: Names of the checks that had what they need.
-        skipped: The other checks, with what they lack.
-    """
-
-    recording: str
-    model: str
-    findings: tuple[Finding, ...]
-    checked: tuple[str, ...] = ()
-    skipped: dict[str, str] = field(default_factory=dict[str, str])
+    recording: Annotated[str, "Path of the bag."]
+    model: Annotated[str, "Type of the robot and id of the model."]
+    findings: Annotated[tuple[Finding, ...], "Errors first."]
+    checked: Annotated[tuple[str, ...], "Names of the checks that had what they need."] = ()
+    skipped: Annotated[dict[str, str], "The other checks, with what they lack."] = field(
+        default_factory=dict[str, str]
+    )
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -75,10 +71,7 @@ def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Findi
     """Return a note that a recording cannot show a mistake.
 
     Args:
-        cause: Of the mistake.
         subject: Joint names; empty for all.
-        what: The quantity that cannot be judged.
-        why: The reason, with its number.
     """
     sentence = f"cannot be judged from this recording: {what} ({why})"
     return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))

@@ -30,12 +30,7 @@ MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take aw
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
-    """Return findings on the meter against the predicted power, and why there cannot be any.
-
-    Args:
-        evidence: The recording.
-        wrong: Causes found so far.
-    """
+    """Return findings on the meter against the predicted power, and why there cannot be any."""
     if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)

@@ -43,11 +43,7 @@ UNITS = {False: _Unit("degrees", DEGREES, 0.2), True: _Unit("millimetres", 1e3, 
 
 
 def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
-    """Return findings on velocities, positions and limits, and why there cannot be any.
-
-    Args:
-        evidence: The recording.
-    """
+    """Return findings on velocities, positions and limits, and why there cannot be any."""
     if len(evidence.stamp_ns) < MIN_SAMPLES:
         return [], f"{len(evidence.stamp_ns)} samples with a full derivative window"
     joints = range(len(evidence.names))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from robot_energy.physics.effort import Effort
 from robot_energy.physics.effort_check import MAX_FACTOR
 from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.check.evidence import Evidence
-from robot_energy_identify.check.payload import carried_payload
 from robot_energy_identify.check.torque_fit import (
     LARGEST_PAYLOAD,
     PAYLOAD_CENTRE,
@@ -21,6 +21,8 @@ from robot_energy_identify.check.torque_fit import (
     same_motion,
 )
 
+FARTHEST = 3.0  # m of a payload from its link
+PLACE = (0.0, 0.0, 0.1)  # of a body at a link that carries none [m]
 OTHER_UNIT = "percent or thousandths of another unit"
 SCALES = {
     "RMS instead of peak current, or the reverse": (2.0**0.5, 2.0**-0.5),
@@ -37,13 +39,70 @@ FAR = 150.0  # of the rough cost, beyond which a cause is not fitted
 MOTION = ("position", "velocity", "acceleration")
 
 
+def more_payload(evidence: Evidence, mass: float) -> tuple[Payload, ...]:
+    """Return the payload of the robot with more mass in the same place.
+
+    Args:
+        mass: More than in the model. [kg]
+    """
+    carried = evidence.robot.payload
+    if not carried or not carried[-1].mass:
+        body = Payload(link=_last_link(evidence), mass=mass, centre_of_mass=PLACE, tag="assumed")
+        return (*carried, body)
+    last = carried[-1]
+    factor = 1.0 + mass / last.mass
+    inertia = tuple(factor * value for value in last.inertia)
+    return (*carried[:-1], last.model_copy(update={"mass": factor * last.mass, "inertia": inertia}))
+
+
+def _last_link(evidence: Evidence) -> str:
+    root = ElementTree.fromstring(evidence.model.urdf_xml)
+    child = root.find(f"joint[@name='{evidence.names[-1]}']/child")
+    return "" if child is None else child.get("link", "")
+
+
+def carried_payload(
+    evidence: Evidence, mass: float, std: float, moment: Float
+) -> tuple[Payload, ...] | None:
+    """Return the payload of the robot with a body added at its last link.
+
+    None if it would be surely less than nothing, or if nothing would change.
+
+    Args:
+        mass: More than in the model. [kg]
+        std: Standard deviation of it. [kg]
+        moment: Its mass times its centre, in the frame of the last link, shape (3,). [kg m]
+    """
+    robot, carried, last = evidence.robot, evidence.robot.payload, _last_link(evidence)
+    link = carried[-1].link if carried else last
+    rest = np.zeros(len(evidence.names))
+    at, turn = robot.link_pose(rest, link)
+    last_at, last_turn = robot.link_pose(rest, last)
+    moments = turn.T @ (last_turn @ moment + (last_at - at) * mass)
+    total = mass
+    if carried:
+        total += carried[-1].mass
+        moments = moments + carried[-1].mass * np.asarray(carried[-1].centre_of_mass)
+    others = tuple(body for body in carried[:-1] if body.link != link)
+    total = round(total, 2)
+    if carried and -2.0 * std < total <= 0.0:
+        return others
+    if total <= 0.0:
+        return None
+    if np.max(np.abs(moments)) > FARTHEST * total:
+        return None
+    x, y, z = (round(float(value), 3) for value in moments / total)
+    inertia = carried[-1].inertia if carried else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    body = Payload(link=link, mass=total, centre_of_mass=(x, y, z), inertia=inertia, tag="assumed")
+    return (*others, body)
+
+
 @dataclass(frozen=True)
 class Cause:
     """One cause and the recording without it.
 
     Attributes:
         name: As in `Finding.cause`.
-        joints: Whose.
         value: Its size, in the unit of the cause; 1 where it has none.
         correct: Gives the recording without it.
         free: How many figures of it are free of size.
@@ -63,23 +122,13 @@ class Cause:
 
 
 def fit_without(cause: Cause, fit: TorqueFit) -> TorqueFit:
-    """Return the fit of a recording without a cause.
-
-    Args:
-        cause: To be undone.
-        fit: Of the recording with it.
-    """
+    """Return the fit of a recording without a cause."""
     evidence = cause.correct(fit.evidence)
     return TorqueFit(evidence, fit.bodies if same_motion(evidence, fit.evidence) else None)
 
 
 def worth_a_fit(cause: Cause, fit: TorqueFit) -> bool:
-    """Whether a cause is not far less likely than the recording as it is.
-
-    Args:
-        cause: To be undone.
-        fit: Of the recording with it.
-    """
+    """Whether a cause is not far less likely than the recording as it is."""
     evidence = cause.correct(fit.evidence)
     # a joint that is exchanged has other columns; without other motion a fit is cheap
     if cause.name == "joint_order" or same_motion(evidence, fit.evidence):
@@ -88,11 +137,7 @@ def worth_a_fit(cause: Cause, fit: TorqueFit) -> bool:
 
 
 def candidates(fit: TorqueFit) -> list[Cause]:
-    """Return the causes worth a trial with a recording.
-
-    Args:
-        fit: Of the recording as it is now.
-    """
+    """Return the causes worth a trial with a recording."""
     evidence = fit.evidence
     count = len(evidence.names)
     known = np.flatnonzero(fit.known).tolist()
@@ -222,7 +267,6 @@ def zero_offset(joints: tuple[int, ...], value: float, std: float = float("nan")
     """The zero of a joint is off by ``value``; that of a second one by ``-value``.
 
     Args:
-        joints: Indices in model order, one or two.
         value: Recorded less true position of the first. [rad]
         std: Of it; NaN where it is a choice. [rad]
     """
@@ -276,9 +320,6 @@ def _payloads(fit: TorqueFit) -> Iterator[Cause]:
 
 def payload_of(fit: TorqueFit) -> tuple[float, float, Float]:
     """Return the most likely mass beyond the model's payload, its deviation, and its moments.
-
-    Args:
-        fit: Of a recording.
 
     Returns:
         [kg], [kg], and shape (3,), in the frame of the last link. [kg m]

@@ -29,9 +29,7 @@ def corrected(
     """Return the line that corrects quantities of some joints.
 
     Args:
-        evidence: The recording.
         quantities: Of ``position``, ``velocity`` and ``effort``.
-        joints: Indices in model order.
         sign: 1 or -1. [-]
         scale: Factor, or one for each of ``joints``. [-]
     """
@@ -49,7 +47,6 @@ def zero(evidence: Evidence, joints: tuple[int, ...], value: float) -> Remedy:
     """Return the line that takes a zero off.
 
     Args:
-        evidence: The recording.
         joints: One joint, or two of which the second is off by ``-value``.
         value: Recorded less true position. [rad]
     """
@@ -74,22 +71,12 @@ def no_velocity() -> Remedy:
 
 
 def effort_meaning(meaning: str) -> Remedy:
-    """Return the line that states the meaning of the effort.
-
-    Args:
-        meaning: A value of `EffortMeaning`.
-    """
+    """Return the line that states the meaning of the effort."""
     return f"joint_states: {{effort_meaning: {meaning}}}", PARAMETERS
 
 
 def joint_order(evidence: Evidence, first: int, second: int) -> Remedy:
-    """Return the line that exchanges two joints.
-
-    Args:
-        evidence: The recording.
-        first: Index in model order.
-        second: Index in model order.
-    """
+    """Return the line that exchanges two joints."""
     names = list(evidence.inputs.joint_states.names_of(evidence.names))
     names[first], names[second] = names[second], names[first]
     return f"joint_states: {{joint_names: [{', '.join(names)}]}}", PARAMETERS
@@ -99,8 +86,6 @@ def gear_ratio(evidence: Evidence, joint: int, factor: float) -> Remedy:
     """Return the line that gives a joint its gear ratio.
 
     Args:
-        evidence: The recording.
-        joint: Index in model order.
         factor: Ratio of the model over the true one. [-]
     """
     entry = evidence.model.joints[joint]
@@ -109,11 +94,7 @@ def gear_ratio(evidence: Evidence, joint: int, factor: float) -> Remedy:
 
 
 def payload(carried: Sequence[Payload]) -> Remedy:
-    """Return the line that gives the robot its payload.
-
-    Args:
-        carried: All of it.
-    """
+    """Return the line that gives the robot its payload."""
     entries = [body.model_dump(exclude_none=True, mode="json") for body in carried]
     line = yaml.safe_dump(
         {"payload": entries}, default_flow_style=True, width=1000, sort_keys=False
@@ -125,7 +106,6 @@ def standstill(names: tuple[str, ...], value: float) -> Remedy:
     """Return the line that gives joints their velocity of rest.
 
     Args:
-        names: Of the joints.
         value: Highest velocity that counts as rest. [rad/s] or [m/s]
     """
     entries = ", ".join(f"{{name: {name}, standstill_velocity: {value:g}}}" for name in names)
@@ -136,8 +116,6 @@ def meter(evidence: Evidence, sign: bool = False, scale: float = 1.0, delay: flo
     """Return the line that corrects the meter.
 
     Args:
-        evidence: The recording.
-        sign: Whether the sign is reversed.
         scale: Factor that the readings lack. [-]
         delay: How far the readings are behind the joint states. [s]
     """

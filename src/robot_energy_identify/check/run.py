@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
@@ -17,7 +17,14 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.check.evidence import Evidence, Remarks, evidence_of, joined, remarks_of
+from robot_energy_identify.check.evidence import (
+    Evidence,
+    Remarks,
+    Windows,
+    evidence_of,
+    joined,
+    remarks_of,
+)
 from robot_energy_identify.check.finding import (
     EFFORT,
     ERROR,
@@ -31,7 +38,6 @@ from robot_energy_identify.check.finding import (
 from robot_energy_identify.check.meter import check_meter
 from robot_energy_identify.check.motion import check_motion
 from robot_energy_identify.check.torque import check_torque
-from robot_energy_identify.check.windows import Windows
 
 MIN_RANGE_DEGC = 10.0  # of temperature, for a law of viscous friction
 MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from viscous friction
@@ -67,12 +73,7 @@ class Checks:
     skipped: dict[str, str]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
-        """Return them with errors first.
-
-        Args:
-            recording: Its path.
-            model: That it was checked with.
-        """
+        """Return them with errors first."""
         named = f"{model.robot.type}, id {model.model_id}"
         found = [one for group in self.findings.values() for one in group]
         found.sort(key=lambda entry: SEVERITIES.index(entry.severity))
@@ -90,16 +91,6 @@ def check(
     """Return whether a recording fits a model, and what is wrong if not, errors first.
 
     Memory does not grow with the recording.
-
-    Args:
-        path: MCAP file or rosbag2 folder.
-        model: The model.
-        effort: What the effort in the joint states means.
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        time_range: The part of the recording to check; None: all.
-
-    Raises:
-        RobotEnergyError: If the bag cannot be read, or gives no sample with this model.
     """
     return check_together([path], model, effort, inputs, time_range)[0]
 
@@ -112,18 +103,7 @@ def check_together(
     inputs: Inputs | None = None,
     time_range: TimeRange | None = None,
 ) -> tuple[CheckResult, ...]:
-    """Return whether recordings of one robot fit a model; their torque is judged together.
-
-    Args:
-        paths: MCAP files or rosbag2 folders.
-        model: The model.
-        effort: What the effort in the joint states means.
-        inputs: As in `check`.
-        time_range: As in `check`.
-
-    Raises:
-        RobotEnergyError: As in `check`.
-    """
+    """Return whether recordings of one robot fit a model; their torque is judged together."""
     checks: list[Checks] = []
     parts: dict[int, Evidence] = {}
     for place, path in enumerate(paths):
@@ -183,11 +163,7 @@ def _evidence(
 
 
 def checks_of(evidence: Evidence) -> Checks:
-    """Return what is found; data that are spoiled blame nothing else.
-
-    Args:
-        evidence: What was seen.
-    """
+    """Return what is found; data that are spoiled blame nothing else."""
     remarks = evidence.remarks
     found: dict[str, list[Finding]] = {
         "bag": [

@@ -282,9 +282,7 @@ class TorqueFit:
         """Return the errors where those of a group may be larger.
 
         Args:
-            group: Name of the group.
             std: Instead of its prior, one per column or of all. [unit of each column]
-            place: One column of the group alone.
         """
         prior, own = self.prior.copy(), self.groups[group]
         prior[own if place is None else own.start + place] = std
@@ -295,7 +293,6 @@ class TorqueFit:
 
         Args:
             factor: On their priors. [-]
-            links: Whose.
         """
         prior = self.prior.copy()
         for link in links:
@@ -360,12 +357,7 @@ class TorqueFit:
 
 
 def same_motion(one: Evidence, other: Evidence) -> bool:
-    """Whether the bodies of two have the same torque, without a look at the figures.
-
-    Args:
-        one: A recording.
-        other: The recording that it was made from, or the reverse.
-    """
+    """Whether the bodies of two have the same torque, without a look at the figures."""
     names = ("position", "velocity", "acceleration", "robot")
     return all(getattr(one, name) is getattr(other, name) for name in names)
 

@@ -11,11 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import Progress
@@ -42,9 +43,6 @@ YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
 
 class Kept:
     """A bag that was read, and what later models and folds ask of it again.
-
-    Args:
-        recording: As it was read.
 
     Attributes:
         rows: Of the dynamics, see `robot_energy_identify.data.observations.observe`.
@@ -79,7 +77,6 @@ class Kept:
         """Return the motion in a part of the bag with every sample, which is read once.
 
         Args:
-            span: From and to. [ns]
             read: Reads it with the model of the recording.
         """
         if span not in self._pieces:
@@ -92,9 +89,7 @@ class Bag:
     """One bag, or some stretches of it.
 
     Attributes:
-        path: MCAP file or rosbag2 folder.
         inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        drive_power: Measured power of its drives, None without.
         spans: Stretches that count. [ns]
         meter_delay: Of the power meter behind the joint states, undone when read. [s]
         meter_time_constant: Of a low pass in the power meter, undone when read. [s]
@@ -119,14 +114,7 @@ class Bag:
         return self.path.resolve().name
 
     def whole(self, model: RobotModel, progress: Progress | None = None) -> Recording:
-        """Return all of the bag, read with a model.
-
-        Args:
-            progress: Called with the share done, 0 to 1.
-
-        Raises:
-            RobotEnergyError: If bag or model cannot be used.
-        """
+        """Return all of the bag, read with a model."""
         if self.kept is None:
             recording = self._read(model, progress, self.most)
         else:
@@ -194,20 +182,11 @@ class Bag:
         return [part for part in parts if len(part) > 1]
 
     def only(self, span: Span) -> Bag:
-        """Return one stretch of the bag.
-
-        Args:
-            span: From and to. [ns]
-        """
+        """Return one stretch of the bag."""
         return replace(self, spans=(span,))
 
     def without(self, span: Span, guard_ns: int) -> Bag:
-        """Return the bag less a stretch and a moment on both sides of it.
-
-        Args:
-            span: From and to. [ns]
-            guard_ns: The moment. [ns]
-        """
+        """Return the bag less a stretch and a moment on both sides of it."""
         first, last = span
         return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
 
@@ -220,37 +199,25 @@ class Bag:
         return sha256_of(self.path)
 
 
-@dataclass(frozen=True)
-class BagFacts:
-    """What a bag holds, as far as identification cares.
+class BagFacts(Described):
+    """What a bag holds, as far as identification cares."""
 
-    Attributes:
-        name: Of the bag.
-        sha256: First digits of its hash.
-        origin: Where it comes from, as its writer said; may be empty.
-        date: Of its first sample, empty where stamps are not dates.
-        duration: From first to last sample. [s]
-        rate: Median of the samples. [Hz]
-        range_degc: Of all motor temperatures; None if there is none. [degC]
-        effort: What the effort is; NONE if it was not stated, or no sample has one.
-        meter: Where the meter sits; None without one.
-        readings: Of the meter.
-        drives: Whether the power of the drives is measured.
-        problems: What was wrong with the bag, one sentence each.
-    """
-
-    name: str
-    sha256: str
-    origin: str
-    date: str
-    duration: float
-    rate: float
-    range_degc: tuple[float, float] | None
-    effort: EffortMeaning
-    meter: MeterLocation | None
-    readings: int
-    drives: bool
-    problems: tuple[str, ...]
+    name: Annotated[str, "Of the bag."]
+    sha256: Annotated[str, "First digits of its hash."]
+    origin: Annotated[str, "Where it comes from, as its writer said; may be empty."]
+    date: Annotated[str, "Of its first sample, empty where stamps are not dates."]
+    duration: Annotated[float, "From first to last sample. [s]"]
+    rate: Annotated[float, "Median of the samples. [Hz]"]
+    range_degc: Annotated[
+        tuple[float, float] | None, "Of all motor temperatures; None if there is none. [degC]"
+    ]
+    effort: Annotated[
+        EffortMeaning, "What the effort is; NONE if it was not stated, or no sample has one."
+    ]
+    meter: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
+    readings: Annotated[int, "Of the meter."]
+    drives: Annotated[bool, "Whether the power of the drives is measured."]
+    problems: Annotated[tuple[str, ...], "What was wrong with the bag, one sentence each."]
 
 
 def facts(bag: Bag, recording: Recording) -> BagFacts:
@@ -299,10 +266,6 @@ def motion_time(recordings: Sequence[Recording], bags: int) -> float:
     """Return how much of each bag the dynamics are fitted to. [s]
 
     `MAX_MOTION_TIME` of all together: an equal share of each where they last longer.
-
-    Args:
-        recordings: All of the fit.
-        bags: That they come from.
     """
     total = sum(end - start for start, end in (part.span_ns for part in recordings)) * NANOSECOND
     return MAX_MOTION_TIME / bags if total > MAX_MOTION_TIME else np.inf
@@ -352,9 +315,6 @@ def folds_of(
     Returns:
         ``test`` where there are such bags, ``recordings`` where there are several, else
         ``blocks``; and the folds.
-
-    Raises:
-        BagError: If a test holds the messages of a bag of the fit.
     """
     if tests:
         require_distinct([bag.path for bag in bags], [bag.path for bag in tests])

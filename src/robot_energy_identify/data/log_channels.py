@@ -7,7 +7,7 @@ from pathlib import Path
 
 from robot_energy.foundation.config_file import read_text
 from robot_energy.foundation.errors import LogFormatError
-from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.model import RobotModel, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.stamps import StampOrder
@@ -22,10 +22,6 @@ def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:
     Args:
         mapping: With ``robot``: URDF and gear ratios.
         folders: Where the URDF may lie: the folder of the data, that of the mapping.
-
-    Raises:
-        LogFormatError: If the mapping names no URDF, or it cannot be read.
-        ModelFileError: If the pieces do not make a model.
     """
     robot = mapping.robot
     if robot is None:
@@ -71,16 +67,7 @@ def _figure(value: float, source: str = "not identified") -> dict[str, object]:
 def read_channels(
     paths: Sequence[str | Path], mapping: LogMapping, model: RobotModel
 ) -> dict[str, list[Channels]]:
-    """Return stretches without gaps of each recording of a log, by its name.
-
-    Args:
-        paths: Tables, each a recording; one folder, if the mapping names the files.
-
-    Raises:
-        LogFormatError: If a file cannot be read, a row cannot be used, or the effort is no
-            torque of a side that is stated.
-        NotIdentifiableError: If no stretch is long enough.
-    """
+    """Return stretches without gaps of each recording of a log, by its name."""
     names = tuple(mapping.joints.names)
     if names != model.joint_names:
         raise LogFormatError(

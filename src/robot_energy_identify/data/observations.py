@@ -131,9 +131,6 @@ def observe(
         torque_model: Of the robot; its payload is known and taken off the torque.
         seen: What was made of the same motion of the same robot, and is not made again; more is
             added. None: nothing.
-
-    Raises:
-        NotIdentifiableError: If a stretch is too short to be filtered.
     """
     made: Rows = {} if seen is None else seen
     known = set(made)

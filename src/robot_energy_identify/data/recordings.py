@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.power_curve import MeterLimits
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
@@ -85,9 +85,7 @@ class Recording:
     Attributes:
         torque: Motion, rigid-body torque and measured torque of every sample.
         power: Temperature, bus power and phase of the same samples, row by row.
-        meter: Readings of the power meter, None without one.
         origin: Where the recording comes from, as its writer said.
-        problems: What was wrong with the bag, one sentence each.
         replay: The replay that gave it, with its accounting.
         temperatures: As they came, for another model.
         every: Of how many samples of the recording one is kept.
@@ -154,12 +152,7 @@ class Recording:
         return (compared,) if len(compared.duration_ns) else ()
 
     def between(self, start_ns: int, end_ns: int) -> Recording:
-        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out.
-
-        Args:
-            start_ns: First stamp. [ns]
-            end_ns: Behind the last one. [ns]
-        """
+        """Return what lies in ``start_ns <= stamp < end_ns``; what was compared stays out."""
         stamp, rows = self.torque.stamp_ns, _inside(self.torque.stamp_ns, start_ns, end_ns)
         if self.in_order:  # then nothing is copied
             rows = slice(*np.searchsorted(stamp, (start_ns, end_ns)).tolist())
@@ -221,9 +214,6 @@ class Recording:
 
         Args:
             model: Of the same joints, gears and torque constants.
-
-        Raises:
-            RobotEnergyError: If the model cannot be used.
         """
         if model is self.model:
             return self
@@ -260,9 +250,6 @@ class Recording:
         """Return whether a model has but other drives and cabinet, which move no temperature.
 
         One that is estimated follows the losses; a gear follows the meter if torque is unknown.
-
-        Args:
-            model: Of the same joints.
         """
         before, drives = self.model, {kind.key: None for kind in DRIVE_MODELS.values() if kind.key}
         if any(getattr(before, name) != getattr(model, name) for name in OF_MOTION) or any(
@@ -341,11 +328,7 @@ def spread(recordings: Sequence[Recording], seconds: float = SPREAD) -> list[Rec
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings that have a power meter.
-
-    Raises:
-        NotIdentifiableError: If there is none.
-    """
+    """Return the recordings that have a power meter."""
     metered = [part for part in recordings if part.meter is not None]
     if not metered:
         raise NotIdentifiableError(
@@ -365,9 +348,6 @@ def channels_of(pieces: Sequence[MotionBlock], rate: float | None = None) -> lis
 
     Args:
         rate: Of the grid; None for that of the first piece. [Hz]
-
-    Raises:
-        NotIdentifiableError: If a piece has no stretch that is long enough.
     """
     channels: list[Channels] = []
     for block in pieces:
@@ -393,11 +373,7 @@ def read_recording(
     """Run a bag through the stages and keep its samples, of a long one every second, fourth, ...
 
     Args:
-        path: MCAP file or rosbag2 folder.
-        progress: Called with the share done, 0 to 1.
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
         most: Samples that are kept, about 0.7 kB each for six joints. [-]
-        time_range: Part of the bag; None for all.
 
     Returns:
         The recording, whose memory does not grow with its length.

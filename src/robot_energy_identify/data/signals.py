@@ -66,9 +66,6 @@ def inside(count: int, margin: int) -> NDArray[np.bool_]:
     """Return a mask of the samples that are not within a margin of either end, shape (count,).
 
     One for all channels, so that both sides of an equation lose the same rows at both ends.
-
-    Args:
-        margin: How many to leave out at each end.
     """
     row = np.arange(count)
     return (row >= margin) & (row < count - margin)
@@ -104,9 +101,6 @@ def stretches(
         joint_position: Shape (N, n). [rad] or [m]
         motor_torque: Shape (N, n). [N m]
         rate: Of the grid; default the median rate of the recording. [Hz]
-
-    Raises:
-        NotIdentifiableError: If there is none.
     """
     cuts = np.flatnonzero(np.diff(segment) != 0) + 1
     parts = np.split(np.arange(len(stamp_ns)), cuts)

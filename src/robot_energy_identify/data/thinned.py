@@ -32,11 +32,7 @@ Kept = TypeVar("Kept", bound=Block)
 
 
 def few(count: int) -> NDArray[np.bool_]:
-    """Return which rows of a regression to use, evenly taken and at most `MOST_ROWS`, (count,).
-
-    Args:
-        count: Of all rows.
-    """
+    """Return which rows of a regression to use, evenly taken and at most `MOST_ROWS`, (count,)."""
     return np.arange(count) % max(1, -(-count // MOST_ROWS)) == 0
 
 
@@ -60,11 +56,7 @@ class Thinned:
         self._seen = [0, 0]  # torques and powers, which belong together row by row
 
     def take(self, output: Output) -> None:
-        """Keep what one step gave.
-
-        Args:
-            output: Of the pipeline.
-        """
+        """Keep what one step gave."""
         if output.torque is not None:
             self._torque.append(self._rows(output.torque, 0))
         if output.power is not None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
+from robot_energy.certainty.priors import figure_std
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -19,10 +20,18 @@ from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
 from robot_energy_identify.drives.efficiency import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
-from robot_energy_identify.drives.total_power import TotalFit, compare_total, fit_total, with_total
+from robot_energy_identify.drives.total_power import (
+    TotalFit,
+    compare_total,
+    fan_share,
+    fit_total,
+    with_total,
+)
 from robot_energy_identify.drives.total_sums import Sums, sums
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.stats.lag import Delay, applied
+
+AGREES = 2.0  # deviations between the power of a fan by its step and by all readings
 
 
 @dataclass(frozen=True)
@@ -35,6 +44,7 @@ class TotalFound:
         delay: Of the meter behind the joint states; undone where it is sure. None where it
             cannot be determined, or was known before.
         low_pass: Time constant of a low pass in the meter; likewise.
+        fan_power: Of the fan of the cabinet, by all readings; None without one. [W]
     """
 
     data: Sums
@@ -43,6 +53,7 @@ class TotalFound:
     scores: dict[str, EnergyScore]
     delay: Delay | None = None
     low_pass: Delay | None = None
+    fan_power: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,11 @@ class DrivesFound:
                 source,
                 self.total.data.sensors.std.meter,
             )
+            fan = changed.cabinet.fan
+            if fan is not None and self.total.fan_power is not None:
+                power = fan.power.model_copy(update={"value": self.total.fan_power})
+                fan = fan.model_copy(update={"power": power})
+                changed = changed.changed(cabinet=changed.cabinet.model_copy(update={"fan": fan}))
             known = total_covariance(self.total.data, self.total.fit, changed, model, source)
             changed = changed.changed(covariance=known)
             return changed, [*_unfitted(model, changed.drive), *notes]
@@ -120,7 +136,13 @@ def find_drives(
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)
-        total = TotalFound(pieces, fit, *compare_total(pieces, model, fit), lag, low_pass)
+        fan_power = None
+        if model is not None and pieces.fan is not None:
+            pieces, fan_power = _with_fan_fitted(pieces, fit, model)
+            fit = fit_total(pieces)
+        total = TotalFound(
+            pieces, fit, *compare_total(pieces, model, fit), lag, low_pass, fan_power
+        )
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",
@@ -128,6 +150,21 @@ def find_drives(
             "name the topic of the drives with --drive-power, or record the meter's topic",
         )
     return DrivesFound(drives, total, delay)
+
+
+def _with_fan_fitted(pieces: Sums, fit: TotalFit, model: RobotModel) -> tuple[Sums, float]:
+    """Readings less a fan of the power that all of them show, and that power. [W]
+
+    One that its step contradicts is not taken: other losses follow the temperature as well.
+    """
+    fan = model.cabinet.fan
+    assert fan is not None
+    assert pieces.fan is not None
+    share = fan_share(pieces, fit.structure)
+    if abs(share - 1.0) * fan.power.value > AGREES * figure_std(fan.power, "loss_grid"):
+        share = 1.0
+    left = pieces.measured + (1.0 - share) * pieces.fan
+    return replace(pieces, measured=left, fan=share * pieces.fan), share * fan.power.value
 
 
 def _unfitted(model: RobotModel, written: str) -> list[str]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.errors import LogFormatError
+from robot_energy.physics.cabinet import FanStage
 from robot_energy.physics.drive import Drive
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.friction import FrictionModel
@@ -69,6 +70,7 @@ class DriveData:
             shape (N, n); the rest comes from bodies that are given. [N m]
         viscous_off: Power by which the viscous friction in use is off at one deviation of its law,
             shape (N, n); None where the torque is measured. [W]
+        fan_power: Of the fan of the model, shape (N,); None without one. [W]
     """
 
     names: tuple[str, ...]
@@ -85,6 +87,7 @@ class DriveData:
     torque_share: Float
     sensors: SensorLimits = DEFAULT_LIMITS
     viscous_off: Float | None = None
+    fan_power: Float | None = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -244,7 +247,15 @@ def drive_data(
         shared,
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
+        _fan_power(recordings),
     )
+
+
+def _fan_power(recordings: Sequence[Recording]) -> Float | None:
+    powers = [
+        FanStage(part.model.cabinet).step(part.power.motor_temperature_degc) for part in recordings
+    ]
+    return np.concatenate(powers) if isinstance(powers[0], np.ndarray) else None
 
 
 def _viscous_off(part: Recording) -> Float:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
@@ -70,74 +71,51 @@ class AxisSamples:
     window: Int
 
 
-@dataclass(frozen=True)
-class AxisFit:
-    """What was identified of one drive.
+class AxisFit(Described):
+    """What was identified of one drive."""
 
-    Attributes:
-        name: Of the joint.
-        losses: The loss model; None where the data do not determine it.
-        map: The reduced efficiency map; None where the data do not determine it.
-        notes: What the data do not determine, one sentence each.
-        samples: Behind the fit, for drive models of users; None if they are not known.
-    """
-
-    name: str
-    losses: Losses | None
-    map: ReducedMap | None
-    notes: tuple[str, ...]
-    samples: AxisSamples | None = field(default=None, repr=False, compare=False)
+    name: Annotated[str, "Of the joint."]
+    losses: Annotated[Losses | None, "The loss model; None where the data do not determine it."]
+    map: Annotated[
+        ReducedMap | None, "The reduced efficiency map; None where the data do not determine it."
+    ]
+    notes: Annotated[tuple[str, ...], "What the data do not determine, one sentence each."]
+    samples: Annotated[
+        AxisSamples | None, "Behind the fit, for drive models of users; None if they are not known."
+    ] = field(default=None, repr=False, compare=False)
 
 
-@dataclass(frozen=True)
-class Score:
-    """One way to predict electrical power, on held-out data.
+class Score(Described):
+    """One way to predict electrical power, on held-out data."""
 
-    Attributes:
-        accuracy: Of the energy of all drives: 1 is exact, 0 is off by all of it. [-]
-        rms: Of the power of a drive, over all drives and held-out samples. [W]
-        axis_rms: Of each drive, NaN where it has no held-out samples. [W]
-    """
-
-    accuracy: float
-    rms: float
-    axis_rms: tuple[float, ...]
+    accuracy: Annotated[
+        float, "Of the energy of all drives: 1 is exact, 0 is off by all of it. [-]"
+    ]
+    rms: Annotated[float, "Of the power of a drive, over all drives and held-out samples. [W]"]
+    axis_rms: Annotated[
+        tuple[float, ...], "Of each drive, NaN where it has no held-out samples. [W]"
+    ]
 
 
-@dataclass(frozen=True)
-class DriveComparison:
-    """All ways on one kind of held-out data.
+class DriveComparison(Described):
+    """All ways on one kind of held-out data."""
 
-    Attributes:
-        split: How the data were held out.
-        samples: Held-out samples of a drive, over all drives.
-        energy: Measured in them. [J]
-        size: Root mean square of the measured power. [W]
-        scores: By way.
-    """
-
-    split: Split
-    samples: int
-    energy: float
-    size: float
-    scores: dict[Way, Score]
+    split: Annotated[Split, "How the data were held out."]
+    samples: Annotated[int, "Held-out samples of a drive, over all drives."]
+    energy: Annotated[float, "Measured in them. [J]"]
+    size: Annotated[float, "Root mean square of the measured power. [W]"]
+    scores: Annotated[dict[Way, Score], "By way."]
 
 
-@dataclass(frozen=True)
-class DrivesFit:
-    """What was identified of all drives.
+class DrivesFit(Described):
+    """What was identified of all drives."""
 
-    Attributes:
-        axes: One per joint.
-        comparisons: One per kind of held-out data that the recordings allow.
-        chosen: Drive model of the model file, by held-out error.
-        cutoff: Of the low-pass of the maps. [Hz]
-    """
-
-    axes: tuple[AxisFit, ...]
-    comparisons: tuple[DriveComparison, ...]
-    chosen: str
-    cutoff: float
+    axes: Annotated[tuple[AxisFit, ...], "One per joint."]
+    comparisons: Annotated[
+        tuple[DriveComparison, ...], "One per kind of held-out data that the recordings allow."
+    ]
+    chosen: Annotated[str, "Drive model of the model file, by held-out error."]
+    cutoff: Annotated[float, "Of the low-pass of the maps. [Hz]"]
 
 
 @one_thread

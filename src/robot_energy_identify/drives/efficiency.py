@@ -13,13 +13,13 @@ mostly waits would be an efficiency of 0, and all motion an outlier.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap
 from robot_energy.timeline.blocks import Float, Int
@@ -40,23 +40,14 @@ FIRST_CELL, GROWTH = 0.05, 1.15  # standard deviations; of the cells that thin a
 REACH = 2.0  # cells, beyond which a point of work counts as extrapolated
 
 
-@dataclass(frozen=True)
-class ReducedMap:
-    """Map of one drive.
+class ReducedMap(Described):
+    """Map of one drive."""
 
-    Attributes:
-        entry: As in a model file.
-        samples: Samples behind it.
-        removed: Share of them that was removed as outliers. [-]
-        motor_efficiency: Median in motor mode, NaN if never in it. [-]
-        generator_efficiency: Median in generator mode, NaN if never in it. [-]
-    """
-
-    entry: EfficiencyMap
-    samples: int
-    removed: float
-    motor_efficiency: float
-    generator_efficiency: float
+    entry: Annotated[EfficiencyMap, "As in a model file."]
+    samples: Annotated[int, "Samples behind it."]
+    removed: Annotated[float, "Share of them that was removed as outliers. [-]"]
+    motor_efficiency: Annotated[float, "Median in motor mode, NaN if never in it. [-]"]
+    generator_efficiency: Annotated[float, "Median in generator mode, NaN if never in it. [-]"]
 
 
 def without_outliers(values: Float) -> Float:

@@ -7,11 +7,12 @@ fitted again. A column that the others explain is left out by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import field
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
@@ -31,32 +32,30 @@ MIN_SHARE = 0.05  # of a column that the columns before it do not explain
 MIN_SAMPLES = 30
 
 
-@dataclass(frozen=True)
-class Losses:
-    """Coefficients that are not negative.
+class Losses(Described):
+    """Coefficients that are not negative."""
 
-    Attributes:
-        values: By name; 0 where negative or not determined.
-        std: By name; 0 where the value was set to 0, which a model file does not repeat. NaN
-            where not determined.
-        negative: Names of those that came out negative, and are at the bound 0.
-        undetermined: Names of those that the data do not distinguish from the ones before.
-        samples: Number of samples.
-        rms: What remains, in sample. [W]
-        confidence: Half widths of the 95 % intervals, by name.
-        parts: Of the standard deviations, by name and cause.
-        fit: The regression behind it.
-    """
-
-    values: dict[str, float]
-    std: dict[str, float]
-    negative: tuple[str, ...]
-    undetermined: tuple[str, ...]
-    samples: int
-    rms: float
-    confidence: dict[str, float]
-    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
-    fit: Fit | None = field(default=None, repr=False, compare=False)
+    values: Annotated[dict[str, float], "By name; 0 where negative or not determined."]
+    std: Annotated[
+        dict[str, float],
+        "By name; 0 where the value was set to 0, which a model file does not repeat. NaN where "
+        "not determined.",
+    ]
+    negative: Annotated[
+        tuple[str, ...], "Names of those that came out negative, and are at the bound 0."
+    ]
+    undetermined: Annotated[
+        tuple[str, ...], "Names of those that the data do not distinguish from the ones before."
+    ]
+    samples: Annotated[int, "Number of samples."]
+    rms: Annotated[float, "What remains, in sample. [W]"]
+    confidence: Annotated[dict[str, float], "Half widths of the 95 % intervals, by name."]
+    parts: Annotated[
+        dict[str, dict[str, float]], "Of the standard deviations, by name and cause."
+    ] = field(default_factory=dict[str, dict[str, float]])
+    fit: Annotated[Fit | None, "The regression behind it."] = field(
+        default=None, repr=False, compare=False
+    )
 
     def figure(self, name: str, source: str, scale: float = 1.0) -> PositiveFigure:
         """Return one coefficient for a model file.

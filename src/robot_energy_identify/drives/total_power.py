@@ -46,6 +46,7 @@ from robot_energy_identify.stats.systematic import (
 )
 
 Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
+FAN = "fan"
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
 
 NO_BETTER = PositiveFigure(
@@ -121,17 +122,7 @@ def fit_structure(
         NotIdentifiableError: If the readings are too few.
     """
     n_joints = len(data.names)
-    columns, names, place = [np.ones(len(data))], ["constant"], [(-1, -1)]
-    for row, term in enumerate(COEFFICIENTS):
-        apart = structure == "axis" or (structure == "axis_copper" and row == 0)
-        if apart:
-            columns += [data.terms[:, row, k] for k in range(n_joints)]
-            names += [f"{term} of {name}" for name in data.names]
-            place += [(row, k) for k in range(n_joints)]
-        elif structure in ("shared", "axis_copper"):
-            columns.append(data.terms[:, row] @ data.scale[row])
-            names.append(f"{term} of all axes")
-            place.append((row, -1))
+    columns, names, place = _columns(data, structure)
     shaft = 0.0 if structure == "constant" else data.shaft
 
     def spread(values: dict[str, float]) -> Float:
@@ -167,6 +158,25 @@ def fit_structure(
     )
 
 
+def _columns(
+    data: Sums, structure: Structure
+) -> tuple[list[Float], list[str], list[tuple[int, int]]]:
+    """Columns of a structure, shape (K,) each, their names, and term and joint, -1 for all."""
+    columns: list[Float] = [np.ones(len(data))]
+    names, place = ["constant"], [(-1, -1)]
+    for row, term in enumerate(COEFFICIENTS):
+        apart = structure == "axis" or (structure == "axis_copper" and row == 0)
+        if apart:
+            columns += [data.terms[:, row, k] for k in range(len(data.names))]
+            names += [f"{term} of {name}" for name in data.names]
+            place += [(row, k) for k in range(len(data.names))]
+        elif structure in ("shared", "axis_copper"):
+            columns.append(data.terms[:, row] @ data.scale[row])
+            names.append(f"{term} of all axes")
+            place.append((row, -1))
+    return columns, names, place
+
+
 def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
     """What constant errors of meter, torque constants and thermometers do to the target."""
     sensors = data.sensors.std
@@ -180,6 +190,27 @@ def _changes(data: Sums, coefficients: Float, structure: Structure) -> Changes:
     causes[TORQUE], causes[BODIES] = list(-torque.T), [-given]
     causes[THERMOMETER] = list(-cold.T)
     return causes
+
+
+def fan_share(data: Sums, structure: Structure) -> float:
+    """Return the power of the fan by all readings, over that which was taken off them. [-]
+
+    Args:
+        data: Pieces between readings, with a fan.
+        structure: Of the losses that are fitted with it.
+
+    Raises:
+        NotIdentifiableError: If the readings are too few.
+    """
+    assert data.fan is not None
+    columns, names, _ = _columns(data, structure)
+    shaft = 0.0 if structure == "constant" else data.shaft
+    whole = data.measured + data.fan - shaft
+    fit = fit_losses(
+        np.column_stack([*columns, data.fan]), whole, data.block, [*names, FAN],
+        "the meter's readings", deviations=False,
+    )  # fmt: skip
+    return 1.0 if FAN in fit.undetermined else fit.values[FAN]
 
 
 def constant_errors(data: Sums, fit: TotalFit) -> list[Float]:

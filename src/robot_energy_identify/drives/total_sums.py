@@ -30,7 +30,7 @@ class Sums:
     Attributes:
         location: Where the meter sits.
         duration: Shape (K,). [s]
-        measured: Mean power, shape (K,). [W]
+        measured: Mean power less that of the fan, shape (K,). [W]
         shaft: Sum of the shaft powers, shape (K,). [W]
         terms: Copper, linear and quadratic column of every joint, shape (K, 3, n).
         given: What the model's own drives draw, without cabinet, shape (K,). NaN without
@@ -43,6 +43,7 @@ class Sums:
         deviations: Whether a fit of it needs them, or only predicts what was held out.
         viscous: Power by which the viscous friction of every joint is off at one deviation of its
             law, shape (K, n); None where the torque is measured. [W]
+        fan: Power of the fan, shape (K,); None without one that the meter sees. [W]
     """
 
     names: tuple[str, ...]
@@ -60,6 +61,7 @@ class Sums:
     sensors: SensorLimits = DEFAULT_LIMITS
     deviations: bool = True
     viscous: Float | None = None
+    fan: Float | None = None
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -72,7 +74,8 @@ class Sums:
         """
         kept = {name: getattr(self, name)[mask] for name in OF_PIECES}
         viscous = None if self.viscous is None else self.viscous[mask]
-        return replace(self, **kept, viscous=viscous)
+        fan = None if self.fan is None else self.fan[mask]
+        return replace(self, **kept, viscous=viscous, fan=fan)
 
 
 def sums(data: DriveData, model: RobotModel | None) -> Sums:
@@ -116,12 +119,17 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         return total / (duration if values.ndim == 1 else duration[:, None])
 
     means = mean(means)
-    shares = slice(3 + 3 * len(data.names), 3 + 4 * len(data.names))
+    seen = data.fan_power is not None and place is MeterLocation.GRID
+    fan = means[:, -1] if seen else None
+    measured = mean(pieces.mean_power)
+    shares, viscous = (
+        slice(3 + count * len(data.names), 3 + (count + 1) * len(data.names)) for count in (3, 4)
+    )
     found = Sums(
         data.names,
         place,
         duration * np.diff(np.append(np.flatnonzero(first), len(window))),
-        mean(pieces.mean_power),
+        measured if fan is None else measured - fan,
         means[:, 0],
         means[:, 3 : 3 + 3 * len(data.names)].reshape(-1, 3, len(data.names)),
         means[:, 1],
@@ -131,13 +139,14 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         _scale(data, model),
         means[:, shares],
         data.sensors,
-        viscous=None if data.viscous_off is None else means[:, shares.stop :],
+        viscous=None if data.viscous_off is None else means[:, viscous],
+        fan=fan,
     )
     return found.rows(few(len(found)))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:
-    """Shaft power, drives as given and measured, terms, shares, viscous; shape (N, 3 + 5 n)."""
+    """Shaft power, drives as given and measured, terms, shares, viscous, fan; (N, 4 + 5 n)."""
     given = np.full(len(data), np.nan)
     if model is not None:
         from robot_energy.physics.drive import drive_from_model
@@ -149,6 +158,8 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     every = [data.supplied_power, given, measured, terms, shares]
     if data.viscous_off is not None:
         every.append(data.viscous_off)
+    if data.fan_power is not None:
+        every.append(data.fan_power)
     return np.column_stack(every)
 
 

@@ -99,9 +99,6 @@ def consistent_fit(
         triangle: R, rows in standard deviations of their noise, shape (K, P). [1/parameter]
         target: b, shape (K,). [-]
         positive: Parameters that must not be negative (friction, rotor inertia).
-
-    Raises:
-        NotIdentifiableError: If the solver finds no solution.
     """
     require("clarabel", "a fit of bodies that can exist")
     import clarabel

@@ -159,16 +159,11 @@ def check_springs(
     """Refuse counterbalances that the recording cannot distinguish from weights and offsets.
 
     Args:
-        springs: By joint.
-        names: Of the joints.
         labels: Of the groups of parameters that the motion separates.
         values: Of those groups, in the unit of each, shape (B,). [-]
         covariance: Of the values, in products of their units, shape (B, B). [-]
         error: Relative torque error of each joint on held-out parts, shape (n,). [-]
         plain: The same without any counterbalance, shape (n,). [-]
-
-    Raises:
-        NotIdentifiableError: Naming the joint.
     """
     for joint, entry in springs.items():
         wanted = [f"{kind} {names[joint]}" for kind, _ in NAMES[entry.kind]]

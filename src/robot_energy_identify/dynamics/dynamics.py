@@ -200,21 +200,13 @@ class Dynamics:
 
     @one_thread
     def rows_of(self, channels: Sequence[Channels]) -> Observations:
-        """Return the rows of other recordings, filtered alike and with the delay undone.
-
-        Args:
-            channels: Stretches without gaps, at any one rate.
-        """
+        """Return the rows of other recordings, filtered alike and with the delay undone."""
         whole = TorqueModel.from_model(self.model, self.settings.columns)
         rows = observe(channels, whole, self.settings.filters)
         return rows.advanced(self.delay.applied)
 
     def predict(self, rows: Observations) -> Float:
-        """Return the joint torque (N, n) [N m] or [N] of a model file, without offsets of sensors.
-
-        Args:
-            rows: Of `rows_of`.
-        """
+        """Return the joint torque (N, n) [N m] or [N] of a model file, sensors without offsets."""
         part = rows.with_names(self.torque_model.names)
         return part.regressor @ self.torque_model.without_offsets(self.standard)
 
@@ -330,7 +322,6 @@ def fit_rows(
 
     Args:
         rows: With independent columns only.
-        method: As of `regression.fit`.
         gains: Standard deviation of the gain of each motor's torque [-], and the transmission,
             shape (n, n) [-]; None: there is no such error.
     """

@@ -30,9 +30,6 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
     determines only in groups are the prior's share, so their tag is ``derived``; the torque of the
     whole is what was identified. Rotor inertia and friction carry standard deviations where
     they are identified on their own. Offsets of the torque sensor stay out.
-
-    Raises:
-        NotIdentifiableError: If a body came out without mass.
     """
     model, base, values = result.model, result.exported_base, result.standard
     torque_model = result.torque_model
@@ -82,9 +79,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
     Args:
         link_parameters: Ten per joint, as of `Robot.link_parameters`, shape (10 n,).
             [kg], [kg m] and [kg m^2]
-
-    Raises:
-        NotIdentifiableError: If a body has no mass: only bodies that can exist are written.
     """
     check_shape("link_parameters", link_parameters.shape, (10 * len(joint_names),))
     parse(urdf_xml)  # refuses what cannot be used

@@ -13,10 +13,11 @@ is never shown without them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -27,51 +28,36 @@ from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, 
 from robot_energy_identify.dynamics.validation import TorqueError, torque_error
 
 
-@dataclass(frozen=True)
-class Work:
-    """Work of every motor over the rows that are compared.
+class Work(Described):
+    """Work of every motor over the rows that are compared."""
 
-    Attributes:
-        net: Integral of the power, shape (n,). [J]
-        positive: Integral of the power where it is positive, shape (n,). [J]
-    """
-
-    net: Float
-    positive: Float
+    net: Annotated[Float, "Integral of the power, shape (n,). [J]"]
+    positive: Annotated[Float, "Integral of the power where it is positive, shape (n,). [J]"]
 
 
-@dataclass(frozen=True)
-class HoldOutResult:
-    """A prediction of one recording next to what was measured in it.
+class HoldOutResult(Described):
+    """A prediction of one recording next to what was measured in it."""
 
-    Attributes:
-        recording: The one that was predicted.
-        trained_on: The recordings of the fit; the same one: its own other blocks.
-        torque: Error of the model file.
-        predicted: Work as the model file says it.
-        measured: Work as measured.
-        least_squares: Torque error of the fit without bodies that can exist.
-    """
-
-    recording: str
-    trained_on: tuple[str, ...]
-    torque: TorqueError
-    predicted: Work
-    measured: Work
-    least_squares: TorqueError
+    recording: Annotated[str, "The one that was predicted."]
+    trained_on: Annotated[
+        tuple[str, ...], "The recordings of the fit; the same one: its own other blocks."
+    ]
+    torque: Annotated[TorqueError, "Error of the model file."]
+    predicted: Annotated[Work, "Work as the model file says it."]
+    measured: Annotated[Work, "Work as measured."]
+    least_squares: Annotated[TorqueError, "Torque error of the fit without bodies that can exist."]
 
 
-@dataclass(frozen=True)
-class LeaveOneOut:
-    """Recordings of one robot, each held out once.
+class LeaveOneOut(Described):
+    """Recordings of one robot, each held out once."""
 
-    Attributes:
-        judgements: From the others first, then each from its own blocks.
-        refused: Recordings that could not be predicted so, with the reason, one sentence each.
-    """
-
-    judgements: tuple[HoldOutResult, ...]
-    refused: tuple[str, ...]
+    judgements: Annotated[
+        tuple[HoldOutResult, ...], "From the others first, then each from its own blocks."
+    ]
+    refused: Annotated[
+        tuple[str, ...],
+        "Recordings that could not be predicted so, with the reason, one sentence each.",
+    ]
 
 
 def across_recordings(
@@ -83,8 +69,6 @@ def across_recordings(
 
     Args:
         recordings: Stretches of each recording by its name, two or more.
-        model: As of `identify_dynamics`.
-        settings: As of `identify_dynamics`.
     """
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}

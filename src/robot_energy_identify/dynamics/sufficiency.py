@@ -28,11 +28,7 @@ POOR = 0.5  # torque error above which units or ratios are likelier wrong than t
 
 
 def check_channels(channels: Sequence[Channels], model: RobotModel) -> None:
-    """Refuse recordings without what a fit needs: every joint, every sample, a torque.
-
-    Raises:
-        NotIdentifiableError: Naming the joints and what to record.
-    """
+    """Refuse recordings without what a fit needs: every joint, every sample, a torque."""
     names = model.joint_names
     if not channels:
         raise NotIdentifiableError("there is no stretch of recording without gaps", "one or more")
@@ -66,14 +62,7 @@ def check_channels(channels: Sequence[Channels], model: RobotModel) -> None:
 
 
 def check_motion(rows: Observations, robot: Robot, filters: Filters) -> None:
-    """Refuse joints that stand, or move as no robot does.
-
-    Args:
-        filters: Which speed counts as standing.
-
-    Raises:
-        NotIdentifiableError: Naming the joints.
-    """
+    """Refuse joints that stand, or move as no robot does."""
     speed = np.abs(rows.motion.joint_velocity).max(axis=0)
     still = [
         n for n, v in zip(robot.joint_names, speed, strict=True) if v < filters.standing_velocity
@@ -102,9 +91,6 @@ def check_length(rows: Observations) -> None:
 
     Args:
         rows: With independent columns only.
-
-    Raises:
-        NotIdentifiableError: Saying how long to record.
     """
     available = float(rows.used.sum()) * 2.0 / ROWS_PER_RATE
     wanted = ROWS_PER_PARAMETER * len(rows.names)
@@ -127,11 +113,7 @@ def poorly_known(base: BaseParameters, result: Fit, prior: Prior) -> tuple[str, 
 
 
 def temperature_remark(model: RobotModel) -> str:
-    """Return what becomes of friction over temperature; empty if the model had none.
-
-    Args:
-        model: The model that an identification of dynamics began with.
-    """
+    """Return what becomes of friction over temperature; empty if the model had none."""
     warm = [
         joint.name
         for joint in model.joints
@@ -156,7 +138,6 @@ def remarks(
 
     Args:
         delay_span: Largest delay that was tried. [s]
-        poor: Names of `poorly_known` groups.
     """
     found: list[str] = []
     if delay.at_edge:

@@ -76,7 +76,6 @@ class ParameterColumn:
 
     Attributes:
         shape: Torque per unit of the parameter at these values, shape (N, K) to (N, K).
-        owner: What each parameter belongs to.
         at: Joints with a counterbalance, which own it.
         written: Puts a parameter into the entry of a model file: entry, gear ratio [-],
             estimate; None where such a file has no place for it.
@@ -137,9 +136,6 @@ class ParameterColumn:
 
         Args:
             ratio: Gear ratio of the motor. [-]
-
-        Raises:
-            ModelFileError: If a model file has no place for it.
         """
         if self.written is None:
             raise ModelFileError(

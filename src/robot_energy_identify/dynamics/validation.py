@@ -11,10 +11,12 @@ leaves parameters free that take up any delay.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.data.observations import Observations
 from robot_energy_identify.dynamics.consistent import Prior
@@ -32,19 +34,12 @@ STEPS = 10  # delays of the torque on each side of zero
 MIN_GAIN = 0.01  # of the held-out error, below which a delay is not worth believing
 
 
-@dataclass(frozen=True)
-class TorqueError:
-    """Norm of the torque error over the norm of the measured torque.
+class TorqueError(Described):
+    """Norm of the torque error over the norm of the measured torque."""
 
-    Attributes:
-        joint: Of each joint, over its moving rows, shape (n,). [-]
-        total: Of all joints, over their moving rows. [-]
-        with_standstill: Of all joints, over moving and standing rows. [-]
-    """
-
-    joint: Float
-    total: float
-    with_standstill: float
+    joint: Annotated[Float, "Of each joint, over its moving rows, shape (n,). [-]"]
+    total: Annotated[float, "Of all joints, over their moving rows. [-]"]
+    with_standstill: Annotated[float, "Of all joints, over moving and standing rows. [-]"]
 
 
 def torque_error(observations: Observations, predicted: Float) -> TorqueError:

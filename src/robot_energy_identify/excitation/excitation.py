@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import Float
@@ -40,28 +41,20 @@ MAX_HALVES = 8
 PLATEAU = 1e-4  # change of the criterion's logarithm at which a start is done
 
 
-@dataclass(frozen=True)
-class ExcitationScore:
-    """How well a motion determines the base parameters.
+class ExcitationScore(Described):
+    """How well a motion determines the base parameters."""
 
-    Attributes:
-        condition: Condition number of the scaled observation matrix.
-        log_determinant: Of the scaled information matrix per row, over the number of base
-            parameters: one more means deviations smaller by ``exp(0.5)`` on average.
-        not_excited: Base parameters that the motion does not determine.
-    """
-
-    condition: float
-    log_determinant: float
-    not_excited: tuple[str, ...]
+    condition: Annotated[float, "Condition number of the scaled observation matrix."]
+    log_determinant: Annotated[
+        float,
+        "Of the scaled information matrix per row, over the number of base parameters: one more "
+        "means deviations smaller by ``exp(0.5)`` on average.",
+    ]
+    not_excited: Annotated[tuple[str, ...], "Base parameters that the motion does not determine."]
 
 
 class ExcitationCriterion:
-    """Scaled observation matrix of the base parameters of one robot.
-
-    Args:
-        limits: Within which it moves.
-    """
+    """Scaled observation matrix of the base parameters of one robot."""
 
     def __init__(
         self, model: RobotModel, limits: ExcitationLimits, columns: tuple[ParameterColumn, ...]
@@ -129,28 +122,22 @@ class ExcitationCriterion:
         return found.swapaxes(1, 2)
 
 
-@dataclass(frozen=True)
-class ExcitationSettings:
-    """How to look for a motion.
+class ExcitationSettings(Described):
+    """How to look for a motion."""
 
-    Attributes:
-        criterion: ``determinant`` for the greatest determinant of the information matrix
-            (D-optimal), ``condition`` for the least condition number.
-        harmonics: Of the Fourier series.
-        period: Of the motion. [s]
-        starts: Random motions to begin with; the best result is kept.
-        iterations: At most, of each.
-        seed: Of the starts.
-        columns: What is to be fitted in addition to the links.
-    """
-
-    criterion: Criterion = "determinant"
-    harmonics: int = 5
-    period: float = 10.0
-    starts: int = 3
-    iterations: int = 100
-    seed: int = 0
-    columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns, repr=False)
+    criterion: Annotated[
+        Criterion,
+        "``determinant`` for the greatest determinant of the information matrix (D-optimal), "
+        "``condition`` for the least condition number.",
+    ] = "determinant"
+    harmonics: Annotated[int, "Of the Fourier series."] = 5
+    period: Annotated[float, "Of the motion. [s]"] = 10.0
+    starts: Annotated[int, "Random motions to begin with; the best result is kept."] = 3
+    iterations: Annotated[int, "At most, of each."] = 100
+    seed: Annotated[int, "Of the starts."] = 0
+    columns: Annotated[
+        tuple[ParameterColumn, ...], "What is to be fitted in addition to the links."
+    ] = field(default_factory=standard_columns, repr=False)
 
     def __post_init__(self) -> None:
         if self.criterion not in get_args(Criterion):

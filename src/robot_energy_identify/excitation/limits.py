@@ -8,10 +8,11 @@ largest use, so that it errs to the safe side.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -27,17 +28,11 @@ STEP = 1e-6  # of numerical derivatives, share of a limit
 KINDS = ("position", "velocity", "acceleration", "torque", "floor")
 
 
-@dataclass(frozen=True)
-class Floor:
-    """A link that must stay above a height.
+class Floor(Described):
+    """A link that must stay above a height."""
 
-    Attributes:
-        link: Of the URDF, such as the flange.
-        height: In the base frame. [m]
-    """
-
-    link: str
-    height: float
+    link: Annotated[str, "Of the URDF, such as the flange."]
+    height: Annotated[float, "In the base frame. [m]"]
 
 
 class ExcitationLimits:
@@ -54,9 +49,6 @@ class ExcitationLimits:
         velocity: Less the margin. [rad/s] or [m/s]
         acceleration: Less the margin, shape (n,). [rad/s^2] or [m/s^2]
         torque: Less the margin, inf where the URDF gives none. [N m] or [N]
-
-    Raises:
-        MotionError: If a joint has no position or velocity limit, or a figure makes no sense.
     """
 
     def __init__(
@@ -121,7 +113,9 @@ class ExcitationLimits:
         viscous = self._friction.viscous(np.full_like(speed, self._temperature))
         coulomb = np.broadcast_to(self._friction.coulomb, speed.shape)
         standing = np.zeros(speed.shape, dtype=np.bool_)
-        friction = self._friction.torque(speed, rigid, coulomb, viscous, standing)
+        friction = self._friction.torque(
+            speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+        )
         return chain.joint_torque_from_motor(rigid + friction)
 
     def height(self, joint_position: Float) -> Float:

@@ -10,13 +10,14 @@ compete on temperatures they have not seen.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -54,73 +55,60 @@ MIN_NEGATIVE_STD = 4.0  # standard deviations below 0; they are up to half too s
 MIN_NEGATIVE_SHARE = 0.1  # of the joint's torque, below which friction is but noise of the fit
 
 
-@dataclass(frozen=True)
-class Point:
-    """Viscous coefficient at one temperature, before any law.
+class Point(Described):
+    """Viscous coefficient at one temperature, before any law."""
 
-    Attributes:
-        motor_temperature_degc: [degC]
-        viscous: Motor side. [N m s/rad]
-        std: [N m s/rad]
-    """
-
-    motor_temperature_degc: float
-    viscous: float
-    std: float
+    motor_temperature_degc: Annotated[float, "[degC]"]
+    viscous: Annotated[float, "Motor side. [N m s/rad]"]
+    std: Annotated[float, "[N m s/rad]"]
 
 
-@dataclass(frozen=True)
-class FrictionFit:
-    """Friction of one axis.
+class FrictionFit(Described):
+    """Friction of one axis."""
 
-    Attributes:
-        name: Of the joint.
-        coulomb: fc, motor side. [N m]
-        coulomb_std: [N m]
-        points: The free curve of fv.
-        laws: Every law that could be fitted.
-        errors: Of each law on what it has not seen.
-        chosen: The law with the least held-out error.
-        samples: Number of samples used.
-        range_degc: Of the motor temperature in them, NaN where it is not known. [degC]
-        residual: Root mean square of what remains of the chosen law, in sample. [N m]
-        warnings: What the data cannot determine, one sentence each.
-        viscous: fv of the constant law, also where it is negative. [N m s/rad]
-        viscous_std: [N m s/rad]
-        speed: Root mean square of the motor velocity. [rad/s]
-        torque: Root mean square of the friction torque. [N m]
-        parts: Of the deviations of ``coulomb`` and ``viscous``, by cause. [of the figure]
-        held_out: What that was: ``temperatures``, or contiguous ``blocks`` in time at one
-            temperature.
-        stribeck: The term of friction that falls with speed, where it does.
-        load: Of friction by load, where held-out torque shows it: share and its deviation [-],
-            and saturation, infinite for none [N m].
-        load_seen: Whether the load was known, so that friction without it is the whole.
-        exponent: Of the speed in viscous friction, where held-out torque shows it: the exponent and
-            its deviation [-], and the speed at which it changes nothing [rad/s].
-    """
-
-    name: str
-    coulomb: float
-    coulomb_std: float
-    points: tuple[Point, ...]
-    laws: dict[str, LawEntry]
-    errors: dict[str, HeldOut]
-    chosen: str
-    samples: int
-    range_degc: tuple[float, float]
-    residual: float
-    warnings: tuple[str, ...]
-    viscous: float
-    viscous_std: float
-    speed: float
-    torque: float
-    parts: dict[str, dict[str, float]] = field(default_factory=dict[str, dict[str, float]])
-    held_out: HeldOutPart = "temperatures"
-    stribeck: Stribeck | None = None
-    load: tuple[float, float, float] | None = None
-    load_seen: bool = False
-    exponent: tuple[float, float, float] | None = None
+    name: Annotated[str, "Of the joint."]
+    coulomb: Annotated[float, "fc, motor side. [N m]"]
+    coulomb_std: Annotated[float, "[N m]"]
+    points: Annotated[tuple[Point, ...], "The free curve of fv."]
+    laws: Annotated[dict[str, LawEntry], "Every law that could be fitted."]
+    errors: Annotated[dict[str, HeldOut], "Of each law on what it has not seen."]
+    chosen: Annotated[str, "The law with the least held-out error."]
+    samples: Annotated[int, "Number of samples used."]
+    range_degc: Annotated[
+        tuple[float, float], "Of the motor temperature in them, NaN where it is not known. [degC]"
+    ]
+    residual: Annotated[
+        float, "Root mean square of what remains of the chosen law, in sample. [N m]"
+    ]
+    warnings: Annotated[tuple[str, ...], "What the data cannot determine, one sentence each."]
+    viscous: Annotated[float, "fv of the constant law, also where it is negative. [N m s/rad]"]
+    viscous_std: Annotated[float, "[N m s/rad]"]
+    speed: Annotated[float, "Root mean square of the motor velocity. [rad/s]"]
+    torque: Annotated[float, "Root mean square of the friction torque. [N m]"]
+    parts: Annotated[
+        dict[str, dict[str, float]],
+        "Of the deviations of ``coulomb`` and ``viscous``, by cause. [of the figure]",
+    ] = field(default_factory=dict[str, dict[str, float]])
+    held_out: Annotated[
+        HeldOutPart,
+        "What that was: ``temperatures``, or contiguous ``blocks`` in time at one temperature.",
+    ] = "temperatures"
+    stribeck: Annotated[
+        Stribeck | None, "The term of friction that falls with speed, where it does."
+    ] = None
+    load: Annotated[
+        tuple[float, float, float] | None,
+        "Of friction by load, where held-out torque shows it: share and its deviation [-], and "
+        "saturation, infinite for none [N m].",
+    ] = None
+    load_seen: Annotated[
+        bool, "Whether the load was known, so that friction without it is the whole."
+    ] = False
+    exponent: Annotated[
+        tuple[float, float, float] | None,
+        "Of the speed in viscous friction, where held-out torque shows it: the exponent and its "
+        "deviation [-], and the speed at which it changes nothing [rad/s].",
+    ] = None
 
     @property
     def law(self) -> LawEntry:
@@ -134,7 +122,6 @@ class FrictionFit:
             before: What the file held. Its Stribeck term and its viscous exponent go, and its load
                 terms where the load is known, since the fit holds the whole friction; other
                 optional terms stay.
-            source: Where the data come from.
         """
         coulomb = identified(self.coulomb, self.coulomb_std, source)
         found: dict[str, Any] = {
@@ -163,9 +150,6 @@ class FrictionFit:
 @one_thread
 def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     """Return the friction of one axis.
-
-    Args:
-        source: Where they come from, for the model file.
 
     Raises:
         NotIdentifiableError: If the axis hardly moves, only in one direction or at one
@@ -281,11 +265,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
 
 
 def falls(constant: Fit, data: FrictionData) -> bool:
-    """Return whether friction falls with speed: a viscous coefficient that is surely negative.
-
-    Args:
-        constant: Fit of the constant law.
-    """
+    """Return whether friction falls with speed: a viscous coefficient that is surely negative."""
     viscous, std = float(constant.values[1]), float(constant.std[1])
     share = -viscous * rms_of(data.motor_velocity) / rms_of(data.friction_torque)
     return -viscous > MIN_NEGATIVE_STD * std and share > MIN_NEGATIVE_SHARE
@@ -301,11 +281,7 @@ def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
 
 
 def falling_torque(train: FrictionData, seen: FrictionData) -> Float:
-    """Return the torque that friction with a Stribeck term, fitted to samples, has at others. [N m]
-
-    Raises:
-        NotIdentifiableError: As `fit_falling`.
-    """
+    """Return the torque of friction with a Stribeck term, fitted to samples, at others. [N m]"""
     law, found, term = fit_falling(train, "")
     return (
         found.values[0] * seen.sign
@@ -316,15 +292,7 @@ def falling_torque(train: FrictionData, seen: FrictionData) -> Float:
 
 
 def fit_axes(axes: Sequence[FrictionData], source: str = "") -> tuple[list[FrictionFit], list[str]]:
-    """Return the friction of every axis that the data determine, and why not of the others.
-
-    Args:
-        axes: Samples, one entry per axis.
-        source: Where they come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If not one axis can be identified.
-    """
+    """Return the friction of every axis that the data determine, and why not of the others."""
     fits: list[FrictionFit] = []
     refused: list[NotIdentifiableError] = []
     for axis in axes:
@@ -341,7 +309,6 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
     """Return the free curve: the table where there is one, else the constant.
 
     Args:
-        laws: Every law that could be fitted.
         span: Of the motor temperature. [degC]
     """
     table, constant = laws.get("table"), laws["constant"]
@@ -359,13 +326,7 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
 
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:
-    """Return a model with identified friction; axes that were not identified keep theirs.
-
-    Args:
-        model: Any model of the same robot.
-        fits: One per identified axis.
-        source: Where the data come from.
-    """
+    """Return a model with identified friction; axes that were not identified keep theirs."""
     found = {fit.name: fit for fit in fits}
     joints = [
         joint.model_copy(update={"friction": found[joint.name].entry(joint.friction, source)})

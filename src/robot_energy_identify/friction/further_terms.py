@@ -110,7 +110,6 @@ def load_that_shows(law: str, rms: float, data: FrictionData) -> float | None:
     by `GAIN`, with temperatures or blocks held out as for the laws, and whole recordings better.
 
     Args:
-        law: That was chosen without it.
         rms: Of its errors on what was held out. [N m]
 
     Returns:

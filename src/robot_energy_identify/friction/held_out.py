@@ -44,11 +44,7 @@ def held_out_law(
 
 
 def law_torque(law: LawEntry, fit: Fit, seen: FrictionData) -> Float:
-    """Return the torque of a fitted law at other samples, shape (N,). [N m]
-
-    Args:
-        fit: The regression behind it.
-    """
+    """Return the torque of a fitted law at other samples, shape (N,). [N m]"""
     degc = np.nan_to_num(seen.motor_temperature_degc)  # without any, the law is a constant
     viscous = viscous_law(law).viscous(degc)
     return fit.values[0] * seen.sign + viscous * seen.turning + nuisance(fit, seen)

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.model.figure import Figure
 from robot_energy.model.schema import Hold, RobotModel
 from robot_energy.physics.friction import FrictionModel
@@ -31,24 +33,24 @@ STATIC = 0.3  # by which static friction differs from the Coulomb torque, before
 PASSES = 5
 
 
-@dataclass(frozen=True)
-class HoldFit:
-    """What motors hold at rest, over the Coulomb torque.
+class HoldFit(Described):
+    """What motors hold at rest, over the Coulomb torque."""
 
-    Attributes:
-        kept: Share in the direction of the last motion, and its standard deviation. [-]
-        carried: Share by which friction carries the load, and its standard deviation. [-]
-        std: Standard deviation of the torque at one place. [-]
-        load_std: The same if motors held the load alone. [-]
-        rests: Number of equations.
-    """
-
-    kept: tuple[float, float]
-    carried: tuple[float, float]
-    static: tuple[float, ...]
-    std: float
-    load_std: float
-    rests: int
+    kept: Annotated[
+        tuple[float, float],
+        "Share in the direction of the last motion, and its standard deviation. [-]",
+    ]
+    carried: Annotated[
+        tuple[float, float],
+        "Share by which friction carries the load, and its standard deviation. [-]",
+    ]
+    static: Annotated[
+        tuple[float, ...] | None,
+        "Static friction of each joint; None where rests are predicted no better with it. [-]",
+    ]
+    std: Annotated[float, "Standard deviation of the torque at one place. [-]"]
+    load_std: Annotated[float, "The same if motors held the load alone. [-]"]
+    rests: Annotated[int, "Number of equations."]
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with these figures.
@@ -106,11 +108,11 @@ def fit_hold(recordings: Sequence[Recording], model: RobotModel) -> HoldFit | No
     own = squares[True] < GAIN**2 * squares[False]
     if not squares[own] < GAIN**2 * float(weight @ target**2):
         none = (0.0, load_std / np.sqrt(count))
-        return HoldFit(none, none, (), load_std, load_std, count)
+        return HoldFit(none, none, None, load_std, load_std, count)
     found, covariance, static, weight = _solve(rests, weight, own)
     std = float(np.sqrt(weight @ left[own] ** 2 / weight.sum()))
     kept, carried = zip(found.tolist(), np.sqrt(np.diag(covariance)).tolist(), strict=True)
-    return HoldFit(kept, carried, tuple(static.tolist()) if own else (), std, load_std, count)
+    return HoldFit(kept, carried, tuple(static.tolist()) if own else None, std, load_std, count)
 
 
 def _held_out(rests: _Rests, fold: Int, weight: Float, own: bool) -> Float:

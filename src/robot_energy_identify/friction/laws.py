@@ -67,9 +67,6 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
 
     Args:
         shape: Shape (N, K). [-]
-
-    Raises:
-        NotIdentifiableError: If the motion does not distinguish them.
     """
     extra = [f"gravity term {number + 1}" for number in range(data.nuisance.shape[1])]
     if data.loaded:
@@ -121,9 +118,6 @@ def nuisance(fit: Fit, data: FrictionData) -> Float:
 def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, Fit]:
     """Return a law and the regression behind it: fc first, then fv, the offset, the nuisances.
 
-    Args:
-        source: Where they come from, for the model file.
-
     Raises:
         NotIdentifiableError: If they do not determine its parameters or have another shape, or the
             law has no fit.
@@ -135,14 +129,7 @@ def fit_law(name: str, data: FrictionData, source: str = "") -> tuple[LawEntry, 
 
 
 def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
-    """Return one viscous coefficient for all temperatures, and its regression.
-
-    Args:
-        source: Where they come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If the motion does not determine its parameters.
-    """
+    """Return one viscous coefficient for all temperatures, and its regression."""
     if one_speed(data):
         fit = _without_viscous(regress_friction(data, np.empty((len(data), 0)), []))
         return ConstantLaw(law="constant", viscous=_in_coulomb(data, source)), fit
@@ -174,9 +161,6 @@ def fit_falling(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit, Stri
 
     ``torque = (fc + fs exp(-(|w|/ws)^2)) s(w) + fv w + offset + nuisances``; ws is searched among
     the speeds of the motion.
-
-    Args:
-        source: Where they come from, for the model file.
 
     Returns:
         The viscous coefficient, which is 0 where it would be negative; the regression: fc, fv, fs,
@@ -231,14 +215,7 @@ def stribeck(data: FrictionData, velocity: float) -> Float:
 
 
 def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
-    """Return the free curve over temperature, and its regression.
-
-    Args:
-        source: Where they come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If the motion does not determine its parameters.
-    """
+    """Return the free curve over temperature, and its regression."""
     degc, nodes = data.motor_temperature_degc, _nodes(data)
     if len(nodes) < 2:
         raise NotIdentifiableError(
@@ -266,14 +243,7 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
 
 
 def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fit]:
-    """Return the exponential law, whose scale c is searched, and its regression.
-
-    Args:
-        source: Where they come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If the motion does not determine its parameters.
-    """
+    """Return the exponential law, whose scale c is searched, and its regression."""
     degc = data.motor_temperature_degc
     middle = float(degc.mean())
     free = fit_constant if len(_nodes(data)) < 2 else fit_table

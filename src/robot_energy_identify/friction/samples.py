@@ -153,9 +153,6 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
     Samples are averaged over 0.04 s, both sides of the equation alike, which changes
     nothing in it and makes ten times fewer of them; a span in which the axis stands or
     turns back is left out.
-
-    Args:
-        joint: Index of the joint in model order.
     """
     parts = [_of_recording(recording, joint) for recording in recordings]
     sensors = recordings[0].sensors.std
@@ -216,9 +213,6 @@ def moving_samples(data: FrictionData) -> FrictionData:
     """Return the samples without rest, slow motion and those with something missing.
 
     Of many, some that are evenly taken.
-
-    Raises:
-        NotIdentifiableError: If too little is left, or a channel is missing.
     """
     moving = data.rows(moving_rows(data))
     if len(moving) < MIN_SAMPLES:
@@ -231,11 +225,7 @@ def moving_samples(data: FrictionData) -> FrictionData:
 
 
 def moving_rows(data: FrictionData) -> NDArray[np.bool_]:
-    """Return which samples are in motion and complete, shape (N,).
-
-    Raises:
-        NotIdentifiableError: If a channel is missing.
-    """
+    """Return which samples are in motion and complete, shape (N,)."""
     known = np.isfinite(data.friction_torque) & np.isfinite(data.motor_velocity)
     if not known.any():
         raise NotIdentifiableError(
@@ -268,9 +258,6 @@ def friction_data_of_log(
     Returns:
         In the unit of the log's effort, at the joint: relative figures, of use for
         comparing temperatures and laws, not for a model file.
-
-    Raises:
-        LogFormatError: If the log has no effort, or no velocity.
     """
     rows = blocks[0].concatenate(blocks)
     for key, values, column in (

@@ -49,7 +49,6 @@ class TemperatureShape:
         reference_degc: T0. [degC]
         range_degc: Temperatures behind it. [degC]
         spread: Root mean square by which the axes differ from g, relative. [-]
-        lenders: The axes that it comes from.
     """
 
     hot: float
@@ -145,15 +144,7 @@ def _fitted(above: Float, relative: Float) -> tuple[float, float]:
 def fit_shared(
     data: FrictionData, shape: TemperatureShape, source: str = ""
 ) -> tuple[ExponentialLaw, Fit]:
-    """Return a lent law whose size was fitted to an axis, and the regression behind it.
-
-    Args:
-        shape: The shape.
-        source: Where the samples come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If the samples do not determine the size, or it is not above 0.
-    """
+    """Return a lent law whose size was fitted to an axis, and the regression behind it."""
     degc = data.motor_temperature_degc
     fit = regress_friction(data, shape.at(degc)[:, None], ["viscous"])
     size, std = float(fit.values[1]), float(fit.std[1])
@@ -188,7 +179,6 @@ def share_shape(
 
     Args:
         fits: Of the axes that could be identified.
-        source: Where they come from, for the model file.
     """
     samples = {axis.name: axis for axis in axes}
     poor: dict[str, FrictionData] = {}

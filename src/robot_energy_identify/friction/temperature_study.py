@@ -6,11 +6,12 @@ between the runs the gain must vanish; what remains then is chance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import get_args
+from dataclasses import replace
+from typing import Annotated, get_args
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
@@ -20,17 +21,11 @@ from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import rms_of
 
 
-@dataclass(frozen=True)
-class Span:
-    """A range of motor temperatures.
+class Span(Described):
+    """A range of motor temperatures."""
 
-    Attributes:
-        low: Lower end. [degC]
-        high: Upper end. [degC]
-    """
-
-    low: float = -np.inf
-    high: float = np.inf
+    low: Annotated[float, "Lower end. [degC]"] = -np.inf
+    high: Annotated[float, "Upper end. [degC]"] = np.inf
 
     def __str__(self) -> str:
         if np.isinf(self.low):
@@ -40,56 +35,38 @@ class Span:
         return f"{self.low:g} to {self.high:g} degC"
 
 
-@dataclass(frozen=True)
-class FrictionStudyRow:
-    """One law, fitted at some temperatures and tested at others.
+class FrictionStudyRow(Described):
+    """One law, fitted at some temperatures and tested at others."""
 
-    Attributes:
-        law: Which law.
-        beyond: What holds outside its fitted range, as the key ``outside`` of a model file says.
-        rms: Of the torque error on the test samples, in the unit of the torque.
-        power_bias: Mean predicted friction power over mean measured one, less 1. [-]
-        coulomb: fc, in the unit of the torque.
-        viscous: The fitted law, as in a model file.
-    """
-
-    law: str
-    beyond: str
-    rms: float
-    power_bias: float
-    coulomb: float
-    viscous: LawEntry
+    law: Annotated[str, "Which law."]
+    beyond: Annotated[
+        str, "What holds outside its fitted range, as the key ``outside`` of a model file says."
+    ]
+    rms: Annotated[float, "Of the torque error on the test samples, in the unit of the torque."]
+    power_bias: Annotated[
+        float, "Mean predicted friction power over mean measured one, less 1. [-]"
+    ]
+    coulomb: Annotated[float, "fc, in the unit of the torque."]
+    viscous: Annotated[LawEntry, "The fitted law, as in a model file."]
 
 
-@dataclass(frozen=True)
-class Study:
-    """Laws tested on temperatures that they have not seen.
+class Study(Described):
+    """Laws tested on temperatures that they have not seen."""
 
-    Attributes:
-        train: Temperatures of the fit.
-        test: Temperatures of the test.
-        trained: Samples of the fit.
-        tested: Samples of the test.
-        rows: One per law and way to go beyond its range.
-        refused: Why the other laws could not be fitted, one sentence each.
-    """
-
-    train: Span
-    test: Span
-    trained: int
-    tested: int
-    rows: tuple[FrictionStudyRow, ...]
-    refused: tuple[str, ...] = ()
+    train: Annotated[Span, "Temperatures of the fit."]
+    test: Annotated[Span, "Temperatures of the test."]
+    trained: Annotated[int, "Samples of the fit."]
+    tested: Annotated[int, "Samples of the test."]
+    rows: Annotated[tuple[FrictionStudyRow, ...], "One per law and way to go beyond its range."]
+    refused: Annotated[
+        tuple[str, ...], "Why the other laws could not be fitted, one sentence each."
+    ] = ()
 
     def row(self, law: str, beyond: str = "hold") -> FrictionStudyRow:
         """Return one row.
 
         Args:
-            law: Its name.
             beyond: ``hold``, ``extend`` or ``auto``.
-
-        Raises:
-            NotIdentifiableError: If the law could not be fitted.
         """
         for row in self.rows:
             if (row.law, row.beyond) == (law, beyond):

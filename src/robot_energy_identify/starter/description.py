@@ -14,7 +14,7 @@ from typing import Any
 from robot_energy.bag import BagReader
 from robot_energy.foundation.config_file import read_text
 from robot_energy.foundation.errors import BagError, RobotDescriptionError
-from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.foundation.shown_text import shown
 from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.physics.urdf.parse import MAX_URDF_BYTES
@@ -30,7 +30,6 @@ class RobotText:
     """A URDF and where it comes from.
 
     Attributes:
-        xml: Text of the URDF.
         origin: In words, for comments and messages.
         path: The file, if it can be named in a model file; None if the text must be embedded.
         joint_names: Joints that a bag has joint states of; empty if unknown.
@@ -48,10 +47,6 @@ def read_description(source: str | Path, arguments: Sequence[str] = ()) -> Robot
     Args:
         source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
         arguments: Arguments of the xacro file, each ``name:=value``.
-
-    Raises:
-        RobotDescriptionError: If the file cannot be read or expanded.
-        BagError: If the bag holds no robot description, or several.
     """
     path = Path(source)
     if path.is_dir() or path.suffix in (".mcap", ".db3", ".zstd"):

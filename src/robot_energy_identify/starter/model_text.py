@@ -9,9 +9,8 @@ from textwrap import fill, indent
 import yaml
 
 from robot_energy.foundation.shown_text import MAX_LINE, shown
-from robot_energy_identify.starter.arm import Arm
+from robot_energy_identify.starter.arm import Arm, ArmJoint
 from robot_energy_identify.starter.description import RobotText
-from robot_energy_identify.starter.joints import ArmJoint
 from robot_energy_identify.starter.priors import SHAPE_A, SHAPE_B, SHAPE_C, RobotClass, Share
 
 WIDTH = 92
@@ -25,8 +24,6 @@ def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
     """Return the model file, as YAML, of an arm that nobody has measured.
 
     Args:
-        arm: From `robot_energy_identify.starter.arm.read_arm`.
-        description: Its URDF.
         folder: Folder of the model file, at which the path of the URDF begins.
     """
     joints = "".join(_joint(joint, arm.robot_class) for joint in arm.joints)

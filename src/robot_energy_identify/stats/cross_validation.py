@@ -8,12 +8,12 @@ viscous column is fitted, and are therefore never given.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
 Mask = NDArray[np.bool_]
@@ -25,45 +25,31 @@ UNRESOLVED = 0.0025
 GAIN = 0.98  # what has more parameters, or replaces figures, must be better by this factor
 
 
-@dataclass(frozen=True)
-class HeldOut:
-    """Errors on held-out data.
+class HeldOut(Described):
+    """Errors on held-out data."""
 
-    Attributes:
-        folds: Number of folds.
-        rms: Root mean square of the error, in the unit of the target.
-        relative: Norm of the error over the norm of the target. [-]
-    """
-
-    folds: int
-    rms: float
-    relative: float
+    folds: Annotated[int, "Number of folds."]
+    rms: Annotated[float, "Root mean square of the error, in the unit of the target."]
+    relative: Annotated[float, "Norm of the error over the norm of the target. [-]"]
 
 
-@dataclass(frozen=True)
-class EnergyScore:
-    """A prediction of a meter, on held-out readings.
+class EnergyScore(Described):
+    """A prediction of a meter, on held-out readings."""
 
-    Attributes:
-        rms: Of predicted minus measured power. [W]
-        energy_error: Predicted over measured energy minus 1, mean size over the folds. [-]
-        worst: The greatest of them in size. [-]
-        shares: Predicted over measured energy minus 1 of each fold. [-]
-    """
-
-    rms: float
-    energy_error: float
-    worst: float
-    shares: tuple[float, ...] = ()
+    rms: Annotated[float, "Of predicted minus measured power. [W]"]
+    energy_error: Annotated[
+        float, "Predicted over measured energy minus 1, mean size over the folds. [-]"
+    ]
+    worst: Annotated[float, "The greatest of them in size. [-]"]
+    shares: Annotated[
+        tuple[float, ...], "Predicted over measured energy minus 1 of each fold. [-]"
+    ] = ()
 
     def beats(self, given: EnergyScore) -> bool:
         """Whether figures of this prediction may replace those of another one.
 
         They must predict power better. Energy may be worse by what the folds cannot determine:
         one standard error of the difference, fold by fold, or `UNRESOLVED`.
-
-        Args:
-            given: The other prediction, of the same folds.
         """
         sure = UNRESOLVED
         if len(self.shares) == len(given.shares) > 1:
@@ -112,7 +98,6 @@ def folds_by_value(values: Float, folds: int = FOLDS) -> Int:
 
     Args:
         values: Of each sample, shape (N,), finite. [any unit]
-        folds: Number of folds; fewer where values repeat too often.
     """
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, folds + 1)[1:-1]))
     return np.searchsorted(edges, values, side="right").astype(np.int64)
@@ -157,7 +142,6 @@ def predict_held_out(fold: Int, predict: Callable[[Mask, Mask], Float], guard: i
         fold: Fold of each sample, shape (N,).
         predict: Called with the masks of the training and the test samples; returns the
             prediction of the test samples.
-        guard: As of `splits`.
     """
     parts = [(test, predict(train, test)) for train, test in splits(fold, guard)]
     predicted = np.empty((len(fold), *parts[0][1].shape[1:]))

@@ -10,12 +10,14 @@ made from are never given: a fit makes them small by construction.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.prediction_errors import PowerErrorSums
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.timeline.pieces import Compared
 from robot_energy_identify.data.bags import (
@@ -37,75 +39,55 @@ OUTSIDE = 5.0  # K beyond the temperatures of the fit: friction is then that of 
 GIVEN = "given"
 
 
-@dataclass(frozen=True)
-class HeldOutPrediction:
-    """A model on one held-out recording.
+class HeldOutPrediction(Described):
+    """A model on one held-out recording."""
 
-    Attributes:
-        compared: Predicted and measured energy, in the order of time.
-        energy: Predicted, where it was compared. [J]
-        rms: Of predicted minus measured power, per reading. [W]
-        shaft: Shaft energy of all axes from the model's torque. [J]
-        torque_error: Norm of the error of the motor torque over the norm of the measured one,
-            all axes together; NaN without measured torque. [-]
-        motor_torque: Of the stretch that is shown, shape (K, n). [N m]
-    """
-
-    compared: tuple[Compared, ...] = field(repr=False)
-    energy: float
-    rms: float
-    shaft: float
-    torque_error: float
-    motor_torque: Float = field(repr=False)
+    compared: Annotated[
+        tuple[Compared, ...], "Predicted and measured energy, in the order of time."
+    ] = field(repr=False)
+    energy: Annotated[float, "Predicted, where it was compared. [J]"]
+    rms: Annotated[float, "Of predicted minus measured power, per reading. [W]"]
+    shaft: Annotated[float, "Shaft energy of all axes from the model's torque. [J]"]
+    torque_error: Annotated[
+        float,
+        "Norm of the error of the motor torque over the norm of the measured one, all axes "
+        "together; NaN without measured torque. [-]",
+    ]
+    motor_torque: Annotated[Float, "Of the stretch that is shown, shape (K, n). [N m]"] = field(
+        repr=False
+    )
 
 
-@dataclass(frozen=True)
-class OutsideFit:
-    """The joint of a held-out recording whose motor was farthest outside the fit.
+class OutsideFit(Described):
+    """The joint of a held-out recording whose motor was farthest outside the fit."""
 
-    Attributes:
-        joint: Its name.
-        met: Lowest and highest temperature in the recording. [degC]
-        fitted: The same in the recordings of the fit. [degC]
-    """
-
-    joint: str
-    met: tuple[float, float]
-    fitted: tuple[float, float]
+    joint: Annotated[str, "Its name."]
+    met: Annotated[tuple[float, float], "Lowest and highest temperature in the recording. [degC]"]
+    fitted: Annotated[tuple[float, float], "The same in the recordings of the fit. [degC]"]
 
 
-@dataclass(frozen=True)
-class Tested:
-    """One held-out recording.
+class Tested(Described):
+    """One held-out recording."""
 
-    Attributes:
-        name: Of the recording, or of the block.
-        duration: Time that was compared with the meter. [s]
-        measured: Energy that the meter saw in it; NaN without a meter. [J]
-        shaft: Measured shaft energy of all axes; NaN without measured torque. [J]
-        predictions: By ``given`` and by each subject, as the model was after its step.
-        start_ns: Of the recording. [ns]
-        location: Where the meter sits; None without one.
-        time: Of the stretch that is shown, since the start, shape (K,). [s]
-        motor_torque: Measured in it, shape (K, n). [N m]
-        taken: Subjects of which this test's model has new figures.
-        beyond: How far a motor was colder or warmer than in the fit, at most; 0 if none
-            was. [K]
-        outside: The joint that was it most; None if none was.
-    """
-
-    name: str
-    duration: float
-    measured: float
-    shaft: float
-    predictions: dict[str, HeldOutPrediction]
-    start_ns: int
-    location: MeterLocation | None
-    time: Float = field(repr=False)
-    motor_torque: Float = field(repr=False)
-    taken: tuple[Subject, ...]
-    beyond: float
-    outside: OutsideFit | None = None
+    name: Annotated[str, "Of the recording, or of the block."]
+    duration: Annotated[float, "Time that was compared with the meter. [s]"]
+    measured: Annotated[float, "Energy that the meter saw in it; NaN without a meter. [J]"]
+    shaft: Annotated[float, "Measured shaft energy of all axes; NaN without measured torque. [J]"]
+    predictions: Annotated[
+        dict[str, HeldOutPrediction],
+        "By ``given`` and by each subject, as the model was after its step.",
+    ]
+    start_ns: Annotated[int, "Of the recording. [ns]"]
+    location: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
+    time: Annotated[Float, "Of the stretch that is shown, since the start, shape (K,). [s]"] = (
+        field(repr=False)
+    )
+    motor_torque: Annotated[Float, "Measured in it, shape (K, n). [N m]"] = field(repr=False)
+    taken: Annotated[tuple[Subject, ...], "Subjects of which this test's model has new figures."]
+    beyond: Annotated[
+        float, "How far a motor was colder or warmer than in the fit, at most; 0 if none was. [K]"
+    ]
+    outside: Annotated[OutsideFit | None, "The joint that was it most; None if none was."] = None
 
     def error(self, stage: str) -> float:
         """Return predicted over measured energy minus 1; NaN without a meter.
@@ -120,19 +102,12 @@ class Tested:
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
-@dataclass(frozen=True)
-class HeldOutEnergy:
-    """The test of the whole.
+class HeldOutEnergy(Described):
+    """The test of the whole."""
 
-    Attributes:
-        kind: How data were held out.
-        stages: ``given``, then the subjects in the order of the steps.
-        tested: One entry per held-out recording or block.
-    """
-
-    kind: HeldOutKind
-    stages: tuple[str, ...]
-    tested: tuple[Tested, ...]
+    kind: Annotated[HeldOutKind, "How data were held out."]
+    stages: Annotated[tuple[str, ...], "``given``, then the subjects in the order of the steps."]
+    tested: Annotated[tuple[Tested, ...], "One entry per held-out recording or block."]
 
     @property
     def metered(self) -> tuple[Tested, ...]:
@@ -218,8 +193,6 @@ def held_out_energy(
     """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
-        kind: From `folds_of`.
-        folds: From `folds_of`.
         whole: Identified from all bags of the fit; it is what a ``test`` is made with.
         progress: Called with what is going on and the share done, 0 to 1.
     """

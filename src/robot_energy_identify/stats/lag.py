@@ -7,10 +7,11 @@ taken up by parameters that nothing else needs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.stats.cross_validation import jackknife_std
 from robot_energy_identify.stats.regression import qr_r
@@ -18,34 +19,23 @@ from robot_energy_identify.stats.regression import qr_r
 SIGNIFICANT = 3.0  # standard deviations
 
 
-@dataclass(frozen=True)
-class Delay:
-    """The estimate and what it rests on.
+class Delay(Described):
+    """The estimate and what it rests on."""
 
-    Attributes:
-        value: By which the channel lags, at the least held-out error. [s]
-        std: From leaving out each block in turn. [s]
-        gain: Share of the held-out error it takes away. [-]
-        applied: The value where it is significant: enough gain, three standard deviations
-            from 0, and not at the end of the range; else 0. [s]
-        at_edge: Whether the least error is at the end of the range.
-        span: Delays up to this were tried. [s]
-    """
-
-    value: float
-    std: float
-    gain: float
-    applied: float
-    at_edge: bool
-    span: float
+    value: Annotated[float, "By which the channel lags, at the least held-out error. [s]"]
+    std: Annotated[float, "From leaving out each block in turn. [s]"]
+    gain: Annotated[float, "Share of the held-out error it takes away. [-]"]
+    applied: Annotated[
+        float,
+        "The value where it is significant: enough gain, three standard deviations from 0, and "
+        "not at the end of the range; else 0. [s]",
+    ]
+    at_edge: Annotated[bool, "Whether the least error is at the end of the range."]
+    span: Annotated[float, "Delays up to this were tried. [s]"]
 
 
 def applied(delay: Delay | None) -> float:
-    """Return what is to be undone of a delay; 0 where it is not sure or cannot be determined. [s]
-
-    Args:
-        delay: The estimate, if there is one.
-    """
+    """Return what is to be undone of a delay; 0 where it is not sure or not determined. [s]"""
     return 0.0 if delay is None else delay.applied
 
 

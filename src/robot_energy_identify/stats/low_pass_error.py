@@ -25,11 +25,7 @@ MAX_STEP = 0.1  # between samples of one stretch [s]
 
 
 class LowPassTorqueError:
-    """Sums of squares over recordings, from blocks of samples.
-
-    Attributes:
-        filters: Cut-off frequency and standstill.
-    """
+    """Sums of squares over recordings, from blocks of samples."""
 
     def __init__(self, model: RobotModel) -> None:
         self.filters = Filters()
@@ -40,11 +36,7 @@ class LowPassTorqueError:
         self._values = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
 
     def step(self, block: PowerBlock) -> None:
-        """Take power samples.
-
-        Args:
-            block: In the order of time.
-        """
+        """Take power samples."""
         sound = (block.quality & np.uint32(DOUBTFUL)) == 0
         torque = np.stack([block.motor_torque, block.motor_torque_measured], axis=1)
         kept = sound & np.isfinite(torque).all(axis=(1, 2))
@@ -66,11 +58,7 @@ class LowPassTorqueError:
         self._take(len(self._stamp_ns))
 
     def add(self, other: LowPassTorqueError) -> None:
-        """Take all samples of another recording, which has ended.
-
-        Args:
-            other: Of the same joints.
-        """
+        """Take all samples of another recording, which has ended."""
         self._squares += other._squares
 
     @property

@@ -352,15 +352,8 @@ def regress(
         columns: Shape (N, P), finite. [target/parameter]
         target: Shape (N,), finite. [any unit]
         block: Number of the contiguous block that each sample belongs to, shape (N,).
-        names: Name of each parameter, for messages.
-        method: As of `fit`.
-        deviations: Whether they are wanted; they take most of the time.
         base: QR decomposition of the columns where it is known, shapes (N, P) and (P, P).
             [target/parameter]
-
-    Raises:
-        ShapeError: If shapes do not fit.
-        NotIdentifiableError: If the data do not excite a parameter; names it.
     """
     check_shape("target", target.shape, (len(columns),))
     known = np.linalg.qr(columns) if base is None else base

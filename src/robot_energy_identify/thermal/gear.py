@@ -13,12 +13,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.condition.thermal_observer import GEAR_START_SHARE, GEAR_START_STD, WINDOW
+from robot_energy.condition.thermal_state import GEAR_START_SHARE, GEAR_START_STD, WINDOW
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.joint import JointGear
@@ -78,27 +80,23 @@ class GearRun:
         return replace(self, triangles=np.where(rows[:, None, None], 0.0, self.triangles))
 
 
-@dataclass(frozen=True)
-class GearFit:
-    """Temperature of one gear.
+class GearFit(Described):
+    """Temperature of one gear."""
 
-    Attributes:
-        name: Of the joint.
-        gear: As in a model file.
-        error: Of the friction work per minute that the fit has not seen, share of it (RMS). [-]
-        motor_error: The same where friction follows the motor temperature. [-]
-        time_constant: C / (G_m + G_a), with its standard deviation. [s]
-        rise: Of the gear by the mean friction power of the recordings, with its deviation. [K]
-        hours: Of the recordings. [h]
-    """
-
-    name: str
-    gear: JointGear
-    error: float
-    motor_error: float
-    time_constant: tuple[float, float]
-    rise: tuple[float, float]
-    hours: float
+    name: Annotated[str, "Of the joint."]
+    gear: Annotated[JointGear, "As in a model file."]
+    error: Annotated[
+        float, "Of the friction work per minute that the fit has not seen, share of it (RMS). [-]"
+    ]
+    motor_error: Annotated[float, "The same where friction follows the motor temperature. [-]"]
+    time_constant: Annotated[
+        tuple[float, float], "C / (G_m + G_a), with its standard deviation. [s]"
+    ]
+    rise: Annotated[
+        tuple[float, float],
+        "Of the gear by the mean friction power of the recordings, with its deviation. [K]",
+    ]
+    hours: Annotated[float, "Of the recordings. [h]"]
 
 
 @dataclass(frozen=True)
@@ -253,7 +251,6 @@ def fit_gear(
     Args:
         data: Samples of the axis in all recordings, motor side, in N m.
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
 
     Raises:
         NotIdentifiableError: If no recording shows a warm-up, or friction that follows the motor
@@ -365,25 +362,19 @@ def _entry(axis: _Axis, found: _Figures, source: str) -> JointGear:
     )
 
 
-@dataclass(frozen=True)
-class GearsFound:
-    """Temperatures of gears.
+class GearsFound(Described):
+    """Temperatures of gears."""
 
-    Attributes:
-        ambient_degc: Temperature of the air that was taken; None without any. [degC]
-        fits: One per gear that was found.
-        refused: Why the others were not, one sentence each.
-    """
-
-    ambient_degc: float | None = None
-    fits: tuple[GearFit, ...] = ()
-    refused: tuple[str, ...] = ()
+    ambient_degc: Annotated[
+        float | None, "Temperature of the air that was taken; None without any. [degC]"
+    ] = None
+    fits: Annotated[tuple[GearFit, ...], "One per gear that was found."] = ()
+    refused: Annotated[tuple[str, ...], "Why the others were not, one sentence each."] = ()
 
     def write(self, model: RobotModel, names: Sequence[str]) -> RobotModel:
         """Return a model in which the friction of some joints follows their gears.
 
         Args:
-            model: Any model of the same robot.
             names: Joints whose friction was identified: those without a fit follow their motors.
         """
         found = {fit.name: fit.gear for fit in self.fits}
@@ -404,7 +395,6 @@ def fit_gears(
 
     Args:
         ambient_degc: Of the air; None: the coldest reading of all motors. [degC]
-        source: Where the data come from, for the model file.
     """
     used, fits, refused = list(axes), list[GearFit](), list[str]()
     warm = [

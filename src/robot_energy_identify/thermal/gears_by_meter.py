@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.condition.thermal_state import WINDOW
 from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import JointGear
@@ -124,7 +124,6 @@ def gears_by_meter(
 
     Args:
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
     """
     model = recordings[0].model
     follows = np.array(

@@ -7,12 +7,13 @@ sensor. One node or two: the second must predict held-out temperatures better.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.thermal_observer import AMBIENT_STD
+from robot_energy.condition.thermal_state import AMBIENT_STD
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
@@ -45,31 +46,18 @@ ONE, TWO = ("motor_time", "motor", "idle"), (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class ThermalFit:
-    """Thermal network of one motor.
+class ThermalFit(Described):
+    """Thermal network of one motor."""
 
-    Attributes:
-        name: Of the joint.
-        network: As in a model file.
-        rms: Error of a free run on what the fit has not seen. [K]
-        held_rms: The same where the first reading is held instead. [K]
-        held_out: What that was: ``runs`` or ``end of the run``.
-        orders: Held-out error by the number of nodes. [K]
-        runs: Runs of the fit.
-        hours: Their length in all. [h]
-        range_degc: Of the readings. [degC]
-    """
-
-    name: str
-    network: JointThermal
-    rms: float
-    held_rms: float
-    held_out: str
-    orders: dict[str, float]
-    runs: int
-    hours: float
-    range_degc: tuple[float, float]
+    name: Annotated[str, "Of the joint."]
+    network: Annotated[JointThermal, "As in a model file."]
+    rms: Annotated[float, "Error of a free run on what the fit has not seen. [K]"]
+    held_rms: Annotated[float, "The same where the first reading is held instead. [K]"]
+    held_out: Annotated[str, "What that was: ``runs`` or ``end of the run``."]
+    orders: Annotated[dict[str, float], "Held-out error by the number of nodes. [K]"]
+    runs: Annotated[int, "Runs of the fit."]
+    hours: Annotated[float, "Their length in all. [h]"]
+    range_degc: Annotated[tuple[float, float], "Of the readings. [degC]"]
 
     @property
     def motor_time_constant(self) -> float:
@@ -78,11 +66,7 @@ class ThermalFit:
 
 
 def ambient_of(runs: Sequence[Sequence[ThermalRun]]) -> float:
-    """Return the coldest first reading of all motors: a robot that starts cold.
-
-    Args:
-        runs: Of every motor. [degC]
-    """
+    """Return the coldest first reading of all motors: a robot that starts cold."""
     return min(run.start_degc for motor in runs for run in motor)
 
 
@@ -94,7 +78,6 @@ def fit_network(
 
     Args:
         ambient_degc: Of the air. [degC]
-        source: Where the data come from, for the model file.
 
     Raises:
         NotIdentifiableError: If there is too little, the motor hardly warms, or the network
@@ -164,10 +147,6 @@ def fit_networks(
 
     Args:
         ambient_degc: Of the air; None: see `ambient_of`. [degC]
-        source: Where the data come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If not one motor can be identified.
     """
     if not any(runs):
         raise NotIdentifiableError(
@@ -191,8 +170,6 @@ def with_networks(model: RobotModel, fits: Sequence[ThermalFit], ambient_degc: f
     """Return a model with identified thermal networks; the other motors keep theirs.
 
     Args:
-        model: Any model of the same robot.
-        fits: One per identified motor.
         ambient_degc: Of the air during the recordings. [degC]
     """
     found = {fit.name: fit.network for fit in fits}

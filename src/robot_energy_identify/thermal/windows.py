@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.condition.thermal_observer import WINDOW
+from robot_energy.condition.thermal_state import WINDOW
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
@@ -73,7 +73,6 @@ def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[Ther
 
     Args:
         recordings: Run with a model without thermal networks.
-        joint: Index of the joint in model order.
     """
     runs: list[ThermalRun] = []
     for recording in recordings:
@@ -88,11 +87,7 @@ def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[Ther
 
 
 def runs_of_log(blocks: Sequence[LogBlock], joint: int) -> list[ThermalRun]:
-    """Return the runs of one motor in a log with currents and temperatures.
-
-    Raises:
-        LogFormatError: If the log has no effort, or no temperature.
-    """
+    """Return the runs of one motor in a log with currents and temperatures."""
     rows = blocks[0].concatenate(blocks)
     heat = rows.effort[:, joint] ** 2
     degc = rows.motor_temperature_degc[:, joint]

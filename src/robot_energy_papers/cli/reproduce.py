@@ -165,7 +165,7 @@ def _foreign(folder: Path) -> list[str]:
 
 
 def _is_bag(path: Path) -> bool:
-    from robot_energy.bag.ownership import foreign_entries  # imports much, at every command
+    from robot_energy.bag.metadata import foreign_entries  # imports much, at every command
 
     return path.is_dir() and not path.is_symlink() and not foreign_entries(path)
 

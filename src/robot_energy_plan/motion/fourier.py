@@ -74,7 +74,6 @@ class FourierMotion:
             then speeds [rad/s] or [m/s].
 
     Attributes:
-        n_joints: Number of joints.
         period: Length of one loop. [s]
     """
 

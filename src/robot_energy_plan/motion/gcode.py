@@ -32,7 +32,6 @@ class GcodeProgram:
     """Content of a program.
 
     Attributes:
-        notes: What was read over, one sentence each.
         unknown: Codes without meaning here and how often they stood in the program.
         accelerations: Whether the program states accelerations, which are not followed.
     """

@@ -61,7 +61,6 @@ class LoadedMotion:
 
     Attributes:
         repeat: Number of runs that the program itself asks for.
-        notes: What was assumed or read over, one sentence each.
         length: Way of the tool, where the program is one of a tool. [m]
         printed_length: Way during which material flows. [m]
         stops: Rests of the tool in corners that could not be rounded.
@@ -114,19 +113,16 @@ def load_motion(
 def _tool_program(file: Path, robot: Robot, options: ToolOptions) -> LoadedMotion:
     if file.suffix.lower() != STL:
         program = load_gcode(file, options.rapid_speed, options.flavor)
+        flavor, reason, certain = program.flavor
+        rapid = "the last F" if flavor.rapid_at_feed else f"{options.rapid_speed:g} m/s (--rapid)"
+        other = "" if certain else "; --flavor names another"
+        note = f"the program was read as {flavor.title} ({reason}): G0 moves at {rapid}{other}"
         made = tool_program(program, robot, options)
-        return replace(made, notes=(_flavor_note(program, options), *made.notes))
+        return replace(made, notes=(note, *made.notes))
     shape = slice_stl(file, options.slicing)
     program = read_gcode(shape.gcode, str(file), options.rapid_speed)
     made = tool_program(program, robot, options)
     return replace(made, notes=(*shape.notes, *made.notes))
-
-
-def _flavor_note(program: GcodeProgram, options: ToolOptions) -> str:
-    flavor, reason, certain = program.flavor
-    rapid = "the last F" if flavor.rapid_at_feed else f"{options.rapid_speed:g} m/s (--rapid)"
-    other = "" if certain else "; --flavor names another"
-    return f"the program was read as {flavor.title} ({reason}): G0 moves at {rapid}{other}"
 
 
 def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> LoadedMotion:

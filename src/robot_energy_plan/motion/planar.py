@@ -86,11 +86,6 @@ class PlanarArm:
         plane = away @ self.across.T
         return plane[:, 0] + 1j * plane[:, 1], away @ self.normal - self.height
 
-    def _tool(self, joint_position: Float) -> Complex:
-        """The tool's place in the plane, shape (...,). [m]"""
-        theta = np.cumsum(joint_position * self.sense, axis=-1)
-        return np.asarray((self.link * np.exp(1j * theta)).sum(axis=-1))
-
     def reach(self, joint_position: Float, free: Sequence[int]) -> tuple[complex, float, float]:
         """Return the place of the first free joint, least and greatest distance from it. [m]
 
@@ -153,7 +148,8 @@ class PlanarArm:
             weight: Weight of each joint's way from the reference, > 0, shape (n,). [-]
         """
         result = np.full((len(place), len(start)), np.nan)
-        posture, force, before = start, np.zeros(2), complex(self._tool(start))
+        posture, force = start, np.zeros(2)
+        before = complex((self.link * np.exp(1j * np.cumsum(start * self.sense))).sum())
         ends = [0, *range(AHEAD, len(place) - 1, AHEAD), len(place) - 1][: len(place)]
         last = -1
         for end in ends:

@@ -50,10 +50,6 @@ class SampledMotion:
         duration: Time from start to end, at least 1 us. [s]
         step: Between samples, at most; the end is always one. [s]
         instants: Times that are samples as well, where the motion has kinks. [s]
-
-    Attributes:
-        duration: As given. [s]
-        sample_count: Number of samples, or a few more.
     """
 
     def __init__(

@@ -92,7 +92,6 @@ class MotionLimits:
 
         Args:
             joint_position: Shape (n,). [rad] or [m]
-            name: What it is, for the message.
         """
         if joint_position.shape != self.lower.shape:
             raise MotionError(

@@ -36,7 +36,6 @@ class Program:
         speed_share: Of each move, shape (K,). [-]
         acceleration_share: Of each move, shape (K,). [-]
         moves: Number of motions in one loop.
-        n_joints: Number of joints.
         period: Length of one loop. [s]
     """
 
@@ -178,7 +177,6 @@ def tool_above(robot: Robot, link: str, height: float) -> Callable[[Float], bool
     """Return a condition for `random_program`: a link stays above a height.
 
     Args:
-        link: Link of the URDF, such as the flange.
         height: In the base frame. [m]
     """
     return lambda joint_position: bool(robot.link_position(joint_position, link)[2] >= height)

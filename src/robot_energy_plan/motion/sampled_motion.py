@@ -20,9 +20,6 @@ def low_pass(values: Float, rate: float, cutoff: float) -> Float:
         values: Shape (N, ...), uniform in time. [any unit]
         rate: [Hz]
         cutoff: Where the filter, passed twice, halves the amplitude. [Hz]
-
-    Raises:
-        NotIdentifiableError: If there are too few samples, or too few per second.
     """
     from scipy.signal import butter, sosfiltfilt
 

@@ -22,7 +22,6 @@ class Sequence:
     Attributes:
         begin: When each part begins, shape (K,). [s]
         duration: When the last part ends. [s]
-        n_joints: Number of joints.
     """
 
     def __init__(self, parts: Row[tuple[JointMotion, float]]) -> None:

@@ -70,7 +70,6 @@ class SlicedShape:
 
     Attributes:
         gcode: The program; lengths in mm, coordinates of the file.
-        notes: What a reader should know, one sentence each.
     """
 
     gcode: str

@@ -13,7 +13,7 @@ Every piece is ``p(s) = c + r (u cos(k s) + w sin(k s)) + d s`` of its way ``s``
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,11 +74,10 @@ def pieces_of(path: ToolPath, acceleration: float, tolerance: float) -> PathPiec
         tolerance: Greatest distance between path and rounded path, >= 0. [m]
     """
     maker = _Maker(acceleration, tolerance)
-    moves = path.segments
-    for index, segment in enumerate(moves):
-        following = moves[index + 1] if index + 1 < len(moves) else None
+    for segment, following in zip_longest(path.segments, path.segments[1:]):
         maker.take(segment, following)
-    return _stack(maker.pieces)
+    whole = PathPieces(*map(np.array, zip(*maker.pieces, strict=True)))
+    return whole._replace(entry=np.append(whole.entry, 0.0))
 
 
 class _Maker:
@@ -94,7 +93,8 @@ class _Maker:
     def take(self, segment: Segment, following: Segment | None) -> None:
         """Write the pieces of a segment and of the corner behind it."""
         if isinstance(segment, Dwell):
-            self._rest(segment)
+            self._entry = 0.0
+            self._add(dwell=segment.time, source_line=segment.source_line)
             return
         taken, radius, passing = 0.0, 0.0, 0.0
         if following is not None and not isinstance(following, Dwell):
@@ -135,7 +135,7 @@ class _Maker:
         if length > TANGENT * line.length:
             self._add(
                 length=length,
-                origin=_along(line.start, direction, self._cut),
+                origin=_mixed(line.start, 1.0, direction, self._cut),
                 drift=direction,
                 commanded=line.speed,
                 speed=line.speed,
@@ -173,10 +173,10 @@ class _Maker:
     def _round(self, before: LineSegment, after: LineSegment, taken: float, radius: float) -> None:
         one, two = _direction(before, False), _direction(after, False)
         turn = _angle(one, two)
-        begin = _along(before.end, one, -taken)
+        begin = _mixed(before.end, 1.0, one, -taken)
         cosine, sine = math.cos(turn), math.sin(turn)
         inward = _mixed(_mixed(two, 1.0, one, -cosine), 1.0 / sine, ZERO, 0.0)
-        centre = _along(begin, inward, radius)
+        centre = _mixed(begin, 1.0, inward, radius)
         commanded = min(before.speed, after.speed)
         speed = min(commanded, math.sqrt(self._acceleration * radius))
         parts = max(1, math.ceil(turn / MAX_PIECE))
@@ -198,18 +198,9 @@ class _Maker:
             )
             self._entry = speed
 
-    def _rest(self, dwell: Dwell) -> None:
-        self._entry = 0.0
-        self._add(dwell=dwell.time, source_line=dwell.source_line)
-
     def _add(self, **figures: Any) -> None:
         figures["entry"] = self._entry
         self.pieces.append(PathPieces(**figures))
-
-
-def _stack(pieces: Sequence[PathPieces]) -> PathPieces:
-    whole = PathPieces(*map(np.array, zip(*pieces, strict=True)))
-    return whole._replace(entry=np.append(whole.entry, 0.0))
 
 
 def _direction(segment: LineSegment | Arc, at_end: bool) -> Vector:
@@ -241,10 +232,6 @@ def _angle(one: Vector, two: Vector) -> float:
     return 2.0 * math.atan2(
         math.dist(one, two), math.hypot(one[0] + two[0], one[1] + two[1], one[2] + two[2])
     )
-
-
-def _along(point: Vector, direction: Vector, way: float) -> Vector:
-    return _mixed(point, 1.0, direction, way)
 
 
 def _mixed(one: Vector, share: float, two: Vector, other: float) -> Vector:

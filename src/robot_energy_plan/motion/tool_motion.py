@@ -29,7 +29,6 @@ STEP = 0.01  # s; see decision 0038 for what a shorter one changes
 MARGIN = 40  # knots: 0.43^40 = 2e-15
 BLOCK = 4096  # knots
 MAX_KNOTS = 20_000_000
-TOLERANCE = 1e-6  # rad or m, by which a limit of position may be exceeded: rounding
 MAX_OFFSET = 1000.0  # m, of the base from the origin of the program
 MAX_JUMP = 0.5  # rad or m between two knots
 
@@ -143,20 +142,10 @@ class ToolMotion:
                 first.expected,
                 first.remedy,
             ) from error
-        if joints.shape != (len(time), len(self._start)) or not np.isfinite(joints).all():
-            raise MotionError(
-                f"the inverse kinematics gave {joints.shape} or values that are not finite",
-                f"({len(time)}, {len(self._start)})",
-            )
-        jump = np.abs(np.diff(joints, axis=0, prepend=start[None, :] if begin else joints[:1]))
-        self._refuse(
-            jump > MAX_JUMP, time, jump, "jumps by", f"at most {MAX_JUMP}",
+        jump = np.diff(joints, axis=0, prepend=start[None, :] if begin else joints[:1])
+        self._refuse_more(
+            np.abs(jump), np.full(len(self._start), MAX_JUMP), time, "jumps by", "",
             "the path passes a singular configuration; move the base or start elsewhere",
-        )  # fmt: skip
-        low, high = self._limits.lower - TOLERANCE, self._limits.upper + TOLERANCE
-        self._refuse(
-            (joints < low) | (joints > high), time, joints, "is at", "",
-            "move the base, start elsewhere, or take another robot",
         )  # fmt: skip
         return joints
 
@@ -174,34 +163,27 @@ class ToolMotion:
         rows = slice(begin - first, end - first)
         time = np.arange(begin, end) * self._step
         velocity = np.asarray(spline.derivative(1)(time))
-        self._refuse(
-            np.abs(velocity) > self._limits.velocity * (1 + 1e-9), time, velocity, "moves at", "",
-            "reduce the feed, move the base or start elsewhere", speed=True,
+        self._refuse_more(
+            velocity, self._limits.velocity, time, "moves at", "/s",
+            "reduce the feed, move the base or start elsewhere",
         )  # fmt: skip
         acceleration = np.asarray(spline.derivative(2)(time))
         return time, Trajectory(joints[rows], velocity, acceleration)
 
-    def _refuse(
-        self, bad: np.ndarray, time: Float, values: Float, verb: str, expected: str, remedy: str,
-        speed: bool = False,
-    ) -> None:  # fmt: skip
+    def _refuse_more(
+        self, values: Float, most: Float, time: Float, verb: str, per: str, remedy: str
+    ) -> None:
+        bad = np.abs(values) > most * (1 + 1e-9)
         if not bad.any():
             return
         row = int(np.argmax(bad.any(axis=1)))
         joint = int(np.argmax(bad[row]))
-        limits = self._limits
-        unit = ("m" if limits.prismatic[joint] else "rad") + ("/s" if speed else "")
-        if not expected:
-            expected = (
-                f"at most {limits.velocity[joint]:.4g}"
-                if speed
-                else f"{limits.lower[joint]:.4g} to {limits.upper[joint]:.4g}"
-            )
+        unit = self._limits.unit(joint) + per
         line = int(self._path.source_line(time[row : row + 1])[0])
         raise MotionError(
-            f"{self._path.path.name}, line {line}: joint '{limits.joint_names[joint]}' {verb} "
-            f"{values[row, joint]:.4g} {unit} at {time[row]:.3f} s",
-            f"{expected} {unit}",
+            f"{self._path.path.name}, line {line}: joint '{self._limits.joint_names[joint]}' "
+            f"{verb} {values[row, joint]:.4g} {unit} at {time[row]:.3f} s",
+            f"at most {most[joint]:.4g} {unit}",
             remedy,
         )
 

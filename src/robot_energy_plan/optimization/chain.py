@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.cabinet import CabinetStage, FanStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
@@ -121,14 +121,18 @@ class PowerChain:
             """Energy, peak, brake energy, columns, use of the torque limits at a temperature."""
             coulomb = np.broadcast_to(self.friction.coulomb, shape)
             viscous = np.broadcast_to(self.friction.viscous(degc), shape)
-            friction = self.friction.torque(speed, rigid, coulomb, viscous, standing)
+            friction = self.friction.torque(
+                speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
+            )
             torque = np.where(standing, held, rigid + friction)
             rigid_power, friction_power = rigid * speed, friction * speed
             shaft = rigid_power + friction_power
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            balance = CabinetStage(self.model.cabinet).step(stamp, place, electrical.sum(axis=1))
+            fan = FanStage(self.model.cabinet).step(winding)
+            stage = CabinetStage(self.model.cabinet)
+            balance = stage.step(stamp, place, electrical.sum(axis=1), fan)
             returned = self.model.cabinet.regeneration_efficiency
             share = 0.0 if returned is None else returned.value
             excess = np.maximum(
@@ -143,6 +147,7 @@ class PowerChain:
                 self._hold.loss_std(self.drive, torque, held_std, winding),
                 degc,
                 excess,
+                fan,
             )
             columns = self._deviations.at_grid(columns, np.where(excess > 0, share, 1.0))
             use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort

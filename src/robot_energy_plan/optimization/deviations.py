@@ -26,6 +26,7 @@ from robot_energy.certainty.deviation import FigureDeviations
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.physics.cabinet import FanStage
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.hold_torque import HoldTorque
@@ -70,6 +71,7 @@ class EnergyDeviations:
         held: Float,
         motor_temperature_degc: Float,
         fed_back: Float,
+        fan_power: Float | float = 0.0,
     ) -> Float:
         """Return the rates of all columns while the grid sees all of the bus, shape (N, K). [W]
 
@@ -82,6 +84,7 @@ class EnergyDeviations:
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             motor_temperature_degc: Shape (n,). [degC]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
+            fan_power: Of the fan, shape (N,). [W]
         """
         figures, speed = self.figures, np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
@@ -109,12 +112,18 @@ class EnergyDeviations:
             at_bus.append(figures.drive_share * np.abs(rigid_power + friction_power))
         else:
             at_bus.append(figures.drive_share * np.abs(drive_loss))
-        at_bus += self._form(speed, friction_power + np.abs(drive_loss))
+        place = np.clip(speed / self._top_speed, KNOTS[0], KNOTS[-1])
+        lost = friction_power + np.abs(drive_loss)  # divided among the two knots next to the speed
+        hats = np.eye(len(KNOTS))
+        at_bus += [
+            share * lost * np.interp(place, KNOTS, hat)
+            for share, hat in zip(FORM, hats, strict=True)
+        ]
         together = figures.known_together(speed, motor_torque, square * own)
         if together is not None:
             at_bus.append(together)
-        of_cabinet = figures.loss_grid, figures.at_rest, FORM_FED_BACK
-        cabinet = np.full((len(speed), CABINET), of_cabinet)
+        cabinet = np.full((len(speed), CABINET), (0.0, figures.at_rest, FORM_FED_BACK))
+        cabinet[:, 0] = figures.grid_side(fan_power)
         cabinet[:, 2] *= fed_back
         loss_dc = np.full((len(speed), 1), figures.loss_dc)
         return np.concatenate([cabinet, loss_dc, *at_bus], axis=1)
@@ -132,23 +141,14 @@ class EnergyDeviations:
             seen[:, -len(self.figures.of_grid) :] += self.figures.of_grid
         return seen
 
-    def _form(self, speed: Float, lost: Float) -> list[Float]:
-        """Losses, divided among the two knots next to the speed, shape (N, n) each. [W]"""
-        place = np.clip(speed / self._top_speed, KNOTS[0], KNOTS[-1])
-        return [share * lost * _hat(place, knot) for knot, share in enumerate(FORM)]
-
-
-def _hat(place: Float, knot: int) -> Float:
-    """1 at a knot, 0 at the others, linear between."""
-    height: Float = np.eye(len(KNOTS))[knot]
-    return np.asarray(np.interp(place, KNOTS, height))
-
 
 class DeviationSums:
     """Integrates the columns over what a pipeline gave of one motion.
 
     Attributes:
         braked: Energy into the brake resistor. [J]
+        energy: Change of the energy from the grid with the error of each figure, shape (K,). [J]
+        brake: The same of the energy into the brake resistor, shape (K,). [J]
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -156,20 +156,11 @@ class DeviationSums:
         self._deviations = EnergyDeviations(model)
         self._standstill = motor_standstill(model)
         self._hold, self._drive = HoldTorque(model), drive_from_model(model)
+        self._fan = FanStage(model.cabinet)
         self._fallback_degc = model.temperature.fallback_degc
         self._blocks = ConsecutiveBlocks()
-        self._sum: Float | None = None
-        self._brake: Float | None = None
-
-    @property
-    def energy(self) -> Float:
-        """Change of the energy from the grid with the error of each figure, shape (K,). [J]"""
-        return np.zeros(1) if self._sum is None else self._sum
-
-    @property
-    def brake(self) -> Float:
-        """The same of the energy into the brake resistor, shape (K,). [J]"""
-        return np.zeros(1) if self._brake is None else self._brake
+        self.energy: Float = np.zeros(1)
+        self.brake: Float = np.zeros(1)
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave."""
@@ -200,14 +191,15 @@ class DeviationSums:
             held,
             _mean_known(degc),
             fed_back,
+            self._fan.step(degc),
         )
         rows = np.nan_to_num(rows)
         reaches = np.where(braking, 0.0, np.where(excess, self._deviations.figures.returned, 1.0))
         lost = rows * braking[:, None]
         lost[:, :2] = 0.0
         total = self._deviations.at_grid(rows, reaches) * weight[:, None]
-        self._sum = self.energy + total.sum(axis=0)
-        self._brake = self.brake + (lost * weight[:, None]).sum(axis=0)
+        self.energy = self.energy + total.sum(axis=0)
+        self.brake = self.brake + (lost * weight[:, None]).sum(axis=0)
 
 
 def _mean_known(values: Float) -> Float:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from robot_energy.bag.reader import BagReader
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import BagReader, TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
@@ -14,8 +13,7 @@ from robot_energy_plan.motion.trajectory_io import MESSAGE, read_bag_trajectory,
 from robot_energy_plan.optimization.gcode_form import GcodeForm
 from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.ptp_form import PtpForm
-from robot_energy_plan.optimization.recorded_motion import recorded_motion
-from robot_energy_plan.optimization.trajectory_form import TrajectoryForm
+from robot_energy_plan.optimization.trajectory_form import TrajectoryForm, recorded_motion
 from robot_energy_plan.options import OptimizeOptions
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.kinds import Kind, Kinds
@@ -15,10 +16,6 @@ from robot_energy_plan.optimization.plan import Cost, CyclePlan, Saving, saving
 from robot_energy_plan.optimization.rest_states import RestState
 from robot_energy_plan.optimization.search import cheapest, front, uniform
 from robot_energy_plan.optimization.task import Task
-
-
-def _cost(task: Task, plan: CyclePlan) -> Cost:
-    return task.table.cost(plan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +29,7 @@ class Measure(Kind):
 
     changes: str
     plan: Callable[[Task], CyclePlan | None]
-    cost: Callable[[Task, CyclePlan], Cost] = _cost
+    cost: Callable[[Task, CyclePlan], Cost] = lambda task, plan: task.table.cost(plan)
 
 
 def best_states(task: Task, plan: CyclePlan) -> CyclePlan:
@@ -45,31 +42,13 @@ def best_states(task: Task, plan: CyclePlan) -> CyclePlan:
     return replace(plan, state=tuple(best(*rest) for rest in enumerate(plan.rest.tolist())))
 
 
-def _move_overrides(task: Task) -> CyclePlan:
-    return task.plan(cheapest(task.table, task.plain, task.moving_time, task.wait_power))
-
-
 def _one_override(task: Task) -> CyclePlan | None:
     row = uniform(task.table, task.plain, task.moving_time, task.wait_power)
     return None if row is None else task.plan(row)
 
 
-def _slack(task: Task) -> CyclePlan | None:
-    if task.cycle_time is None:
-        return None
-    return task.plan(cheapest(task.table, task.plain, task.time, task.wait_power))
-
-
-def _rest_pose(task: Task) -> CyclePlan | None:
-    if not (task.base.rest > task.needed + 1e-9).any():
-        return None
-    return task.plan(task.base.row, int(np.argmin(task.table.held.energy)))
-
-
-def _time_law(task: Task) -> CyclePlan | None:
-    if not (task.table.candidates.law >= 0).any():
-        return None
-    return task.plan(cheapest(task.table, task.allowed, task.time, task.wait_power))
+def _cheapest(task: Task, allowed: NDArray[np.bool_], time: float) -> CyclePlan:
+    return task.plan(cheapest(task.table, allowed, time, task.wait_power))
 
 
 def _with_supply(task: Task, plan: CyclePlan) -> Cost:
@@ -93,7 +72,7 @@ MEASURES: Kinds[Measure] = Kinds(
         label="speed and acceleration of each move",
         line="separate shares of speed and acceleration for each move, in all no slower than now",
         changes="speed, acceleration",
-        plan=_move_overrides,
+        plan=lambda task: _cheapest(task, task.plain, task.moving_time),
     ),
     Measure(
         name="one_override",
@@ -115,7 +94,11 @@ MEASURES: Kinds[Measure] = Kinds(
         label="wait where holding costs least",
         line="the wait moves to the configuration of the program with the least power at rest",
         changes="place of the wait",
-        plan=_rest_pose,
+        plan=lambda task: (
+            task.plan(task.base.row, int(np.argmin(task.table.held.energy)))
+            if (task.base.rest > task.needed + 1e-9).any()
+            else None
+        ),
     ),
     Measure(
         name="rest_state",
@@ -129,14 +112,20 @@ MEASURES: Kinds[Measure] = Kinds(
         label="slower moves instead of waiting",
         line="separate shares for each move, within the cycle time",
         changes="speed, acceleration, wait",
-        plan=_slack,
+        plan=lambda task: (
+            None if task.cycle_time is None else _cheapest(task, task.plain, task.time)
+        ),
     ),
     Measure(
         name="time_law",
         label="best time law along each path",
         line="speed along each path, within the limits of speed, acceleration, torque and jerk",
         changes="time law",
-        plan=_time_law,
+        plan=lambda task: (
+            _cheapest(task, task.allowed, task.time)
+            if (task.table.candidates.law >= 0).any()
+            else None
+        ),
     ),
 )
 
@@ -156,6 +145,14 @@ class Tried:
     plan: CyclePlan | None
     cost: Cost | None
     saving: Saving | None
+
+    @classmethod
+    def of(cls, task: Task, base: Cost, measure: Measure) -> Tried:
+        """Return what one measure gives of a task."""
+        if (plan := measure.plan(task)) is None:
+            return cls(measure, None, None, None)
+        cost = measure.cost(task, plan)
+        return cls(measure, plan, cost, saving(base, cost))
 
 
 @dataclass(frozen=True)
@@ -181,21 +178,13 @@ def optimise(task: Task) -> Optimum:
     """Return the choice, each measure alone and the trade-offs."""
     base = task.table.cost(task.base)
     task = task.near(together(task))
-    tried = tuple(_try(task, base, measure) for measure in MEASURES.values())
+    tried = tuple(Tried.of(task, base, measure) for measure in MEASURES.values())
     plan = together(task)
     cost = task.table.cost(plan)
     free = CyclePlan(task.base.row, task.needed, task.base.state)
     return Optimum(
         task, base, tried, plan, cost, saving(base, cost), front(task.table, task.allowed, free)
     )
-
-
-def _try(task: Task, base: Cost, measure: Measure) -> Tried:
-    plan = measure.plan(task)
-    if plan is None:
-        return Tried(measure, None, None, None)
-    cost = measure.cost(task, plan)
-    return Tried(measure, plan, cost, saving(base, cost))
 
 
 def together(task: Task) -> CyclePlan:

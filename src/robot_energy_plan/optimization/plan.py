@@ -87,7 +87,6 @@ class CostTable:
 
     Attributes:
         held: What a second of rest before each move needs while the drives hold.
-        states: Ways to rest that may be used.
     """
 
     candidates: Candidates

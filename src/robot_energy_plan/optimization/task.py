@@ -141,7 +141,6 @@ def make_task(
     Args:
         cycle_time: Of one cycle; None: the next one begins at once. [s]
         free_rests: Whether the work needs none of its rests.
-        states: Ways to rest that may be used.
         peak_limit: Of the power from the grid. [W]
         regeneration: Share that a supply would return which is to be judged. [-]
         progress: Called with the share done, 0 to 1.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from robot_energy.physics.cabinet import FanStage
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.ptp import Trajectory
 from robot_energy_plan.optimization.candidates import STEP, Candidates, Moves
@@ -99,6 +100,8 @@ def timed_moves(
         progress: Called with the share done, 0 to 1.
     """
     cabinet = chain.model.cabinet
+    fan = np.array([FanStage(cabinet).step(one[None]) for one in chain.motor_temperature_degc])
+    loss_grid = cabinet.loss_grid.value + float(fan.mean())
     laws: list[Float] = []
     owner: list[int] = []
     length = moves.duration(base)
@@ -109,9 +112,9 @@ def timed_moves(
         time = 0.5 * step * np.arange(2 * PARTS + 1)
         along = moves.sample(base, np.full(len(time), move, dtype=np.int64), time)
         places = path_power(chain, along)
-        at_rest = cabinet.loss_dc.value + cabinet.loss_grid.value + places.constant
+        at_rest = cabinet.loss_dc.value + loss_grid + places.constant
         for price in PRICES:
-            cost = cabinet.loss_grid.value + price * at_rest
+            cost = loss_grid + price * at_rest
             law = time_law(places, step, limits, cabinet.loss_dc.value, cost)
             if law is not None:
                 laws.append(law)

@@ -84,7 +84,7 @@ def _power(task: Task, name: str, motion: PlannedMotion, cycle_time: float) -> F
     means = predict(task.chain.model, motion, degc, name).means
     if means is None:
         raise MotionError(f"{name} is too short", "a motion of some samples")
-    power = means.mean("grid_import") - means.mean("grid_return")
+    power = means.predicted_power
     time = (means.stamp_ns - START_NS) * NANOSECOND - 0.5 * means.period
     count = samples_of(cycle_time)
     middle = (np.arange(count) + 0.5) * cycle_time / count

@@ -9,9 +9,8 @@ from robot_energy.certainty.band import Z90
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.bus_exchange import BusExchange, shared_cabinet
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
-from robot_energy_plan.shared_bus import BusRobot, PlannedBus
+from robot_energy_plan.shared_bus import BusExchange, BusRobot, PlannedBus, shared_cabinet
 
 FEW = 0.5  # of the recorded time, below which a gap makes the figures doubtful [-]
 
@@ -126,9 +125,6 @@ def saving_half(robots: Sequence[BusRobot], flows: BusExchange) -> float:
 
     Besides `relative_half`: where link voltages of several models are assumed, the bus stands at
     the higher rectified voltage and brakes at the lower chopper's, which leaves less room.
-
-    Args:
-        flows: Of these robots.
     """
     links = {
         robot.model.model_id: link
@@ -150,9 +146,6 @@ def relative_half(robots: Sequence[BusRobot]) -> float:
     What the bus saves errs as what the resistors took without it, alike for robots of one model and
     independently for different ones: ``S / B sqrt(sum_k B_k^2)`` with the changes ``B_k`` of the
     braked energy B by the errors of the figures k.
-
-    Args:
-        robots: That brake.
     """
     braked = sum(robot.deviations.braked for robot in robots)
     if braked <= 0:

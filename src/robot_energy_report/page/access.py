@@ -8,8 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robot_energy.foundation.errors import PageError
-from robot_energy.foundation.files.private_file import require_private
-from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.foundation.files.regular_file import (
+    read_regular_text,
+    require_private,
+    why_unreadable,
+)
 
 LOOPBACK = "127.0.0.1"
 MIN_TOKEN, MAX_TOKEN = 16, 512

@@ -19,12 +19,13 @@ from robot_energy.foundation.errors import HistoryError, RobotEnergyError
 from robot_energy.foundation.schema_errors import refusal
 from robot_energy_history.tariffs import Tariff
 from robot_energy_report.page.answers import json_of, packed
-from robot_energy_report.page.history_savings import (
+from robot_energy_report.page.history_view import (
+    HistoryView,
+    Wish,
     friction_answer,
     savings_answer,
     savings_wish,
 )
-from robot_energy_report.page.history_view import HistoryView, Wish
 from robot_energy_report.page.json_numbers import json_text
 
 WORKERS = 2  # answers that are worked on at the same time; the live page has a thread of its own

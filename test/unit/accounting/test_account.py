@@ -39,9 +39,7 @@ def test_a_first_reading_that_comes_late_is_compared_at_its_own_place(pieces: in
 
 
 @pytest.mark.parametrize("first", [0, 1])
-@pytest.mark.parametrize(
-    "stage", ["registers.add", "shaft.step", "judgement.step", "_averager.step"]
-)
+@pytest.mark.parametrize("stage", ["registers.add", "shaft.step", "counts.count", "_averager.step"])
 def test_a_fault_in_the_middle_books_nothing_of_the_block(stage, first, monkeypatch):
     """Energy and time are those of a run in which these samples never came."""
     blocks = [steady(begin, begin + 1.0, 500.0) for begin in (10.0, 11.01, 12.02)]

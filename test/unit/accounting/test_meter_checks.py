@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import Compared, NewestMinute
 
 SECOND = 10**9
 
@@ -25,12 +25,11 @@ class Bench:
             if meter and index % spacing == 0:
                 self.comparison.measure(self._reading(self.now + offset, measured))
             stamp = self.now + 0.1 * np.arange(10)
-            compared = self.comparison.predict(
+            self.comparison.predict(
                 np.rint(stamp * 1e9).astype(np.int64),
                 np.zeros(10, dtype=np.int64),
                 np.full(10, predicted),
             )
-            self.judgement.step(compared)
             self.now += 1.0
         return self.judgement.findings(self.comparison)
 
@@ -51,17 +50,17 @@ class Bench:
 def test_a_meter_that_agrees_gives_no_finding():
     bench = Bench()
     assert bench.run(120, 103.0) == []
-    assert bench.judgement.residual_share == pytest.approx(-3 / 103)  # predicted too little
-    assert bench.judgement.compared_time == pytest.approx(60, abs=1.1)
+    assert bench.comparison.minute.residual_share == pytest.approx(-3 / 103)  # predicted too little
+    assert bench.comparison.minute.time == pytest.approx(60, abs=1.1)
 
 
 def test_the_residual_is_that_of_the_newest_minute():
     bench = Bench()
     bench.run(200, 300.0)
     bench.run(62, 100.0)
-    assert bench.judgement.residual_share == pytest.approx(0.0, abs=0.02)
+    assert bench.comparison.minute.residual_share == pytest.approx(0.0, abs=0.02)
     bench = Bench()
-    assert np.isnan(bench.judgement.residual_share)
+    assert np.isnan(bench.comparison.minute.residual_share)
 
 
 @pytest.mark.parametrize(
@@ -175,9 +174,9 @@ def test_the_residual_does_not_depend_on_the_cutting(size, seed, cuts):
     columns = (available, rng.integers(1, SECOND, size), *rng.normal(50.0, 30.0, (2, size)))
 
     def run(bounds):
-        judgement = MeterDiagnostics()
+        minute = NewestMinute()
         for start, stop in zip([0, *bounds], [*bounds, size], strict=True):
-            judgement.step(Compared(*(column[start:stop] for column in (*columns, columns[-1]))))
-        return judgement.compared_time, judgement.residual_share
+            minute.take(Compared(*(column[start:stop] for column in (*columns, columns[-1]))))
+        return minute.time, minute.residual_share
 
     assert run([]) == run(sorted(min(cut, size) for cut in cuts))

@@ -180,6 +180,7 @@ def test_a_record_without_its_unit_is_refused() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
+        {"format_version": 4},
         {"format_version": 6},
         {"samples": 1.0},
         {"samples": -1},

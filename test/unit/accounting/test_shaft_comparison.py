@@ -56,7 +56,7 @@ def test_missing_effort_is_no_gap_of_the_registers_and_no_zero():
     whole = np.isfinite(means.shaft_power_measured[:, 0])
     assert whole.sum() in (7, 8)  # periods without a missing sample
     np.testing.assert_allclose(means.shaft_power_measured[whole], 60.0)
-    np.testing.assert_allclose(means.joint_mean("friction"), PREDICTED)
+    np.testing.assert_allclose(means.powers["friction"], PREDICTED)
 
 
 def test_gap_of_the_joint_states_counts_for_neither():

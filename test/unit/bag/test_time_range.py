@@ -10,7 +10,7 @@ import pytest
 from places import ROOT
 from robot_energy.bag import BagReader
 from robot_energy.bag.mcap_file import McapFile
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.errors import BagError
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay

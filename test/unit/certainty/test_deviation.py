@@ -107,6 +107,7 @@ def stds(pipeline: EnergyPipeline) -> dict[str, float]:
         ("joints.0.losses.copper", 5e-3, "drive of shoulder"),
         ("cabinet.loss_dc", 0.05, "constant loss, DC side"),
         ("cabinet.loss_grid", 0.5, "constant loss, grid side"),
+        ("cabinet.fan.power", 0.5, "constant loss, grid side"),
     ],
 )
 def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
@@ -120,6 +121,8 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
         "exponent": {**robots.figure(0.7), "std": 0.0},
         "velocity": robots.figure(20.0),
     }
+    warm = {"power": {**robots.figure(30.0), "std": 0.0}, "on_above_degc": robots.figure(15.0)}
+    found["cabinet"]["fan"] = warm
     place(found, path)["std"] = std
     if "friction" in path:
         for joint in found["joints"]:

@@ -13,7 +13,7 @@ from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import check, check_together
-from robot_energy_identify.check.windows import MAX_SAMPLES, Windows
+from robot_energy_identify.check.evidence import MAX_SAMPLES, Windows
 from sound_recordings import foreign, with_remedy, write_states
 
 SOUND, MODEL = ROOT / "bags/kr16_cold", load("kr16")

@@ -1,11 +1,15 @@
 """Options are said once: flags, checks, signatures and docstrings are made of them."""
 
 import inspect
+from dataclasses import fields
 
 import pytest
 
 import robot_energy as re
 from robot_energy.foundation.options import options_of
+from robot_energy.inputs.meter.source import MeterInputs
+from robot_energy.inputs.options import InputOptions
+from robot_energy.inputs.sources import GapInputs, JointStateSource
 from robot_energy.replay.options import PartOptions, ReplayOptions
 from robot_energy.timeline.blocks import EffortMeaning, Learning
 from robot_energy_cli.main import build_parser
@@ -28,8 +32,9 @@ VERBS = {
 PYTHON = {
     "test": {"jobs", "processes", "out", "overwrite", "power_period"},
     "shared-bus": {"robot", "jobs", "processes", "out", "overwrite", "power_period"},
-    "advise": {"jobs", "processes", "out", "overwrite", "power_period"},
+    "advise": {"jobs", "processes", "out", "overwrite", "power_period", "look_at_speeds"},
     "fleet run": {"processes"},
+    "identify all": {"held_out"},
 }
 
 
@@ -48,10 +53,23 @@ def test_each_option_is_a_flag_a_keyword_and_a_line_of_the_docstring(command):
         flag = flags.get(f"--{name.replace('_', '-')}")
         assert (flag is None) == (name in PYTHON.get(command, ())), name
         if flag is not None:
-            assert flag.help == option.text, name
+            assert flag.help == option.help, name
             assert tuple(flag.choices or ()) == option.choices, name
         assert shown[name].default == option.default
         assert f"    {name}: {option}" in options.__doc__
+
+
+@pytest.mark.parametrize("kind", [JointStateSource, MeterInputs, GapInputs])
+def test_a_parameter_of_a_node_that_is_an_option_as_well_says_the_same(kind):
+    names = {"topics": "joint_states", "effort_meaning": "effort"}
+    options, found = options_of(InputOptions), []
+    for field in fields(kind):
+        option = options.get(names.get(field.name, field.name))
+        if option is not None and "description" in field.metadata:
+            found.append(field.name)
+            assert field.metadata["description"][1:].startswith(option.text[1:])
+            assert tuple(field.metadata["choices"]) == option.choices
+    assert found
 
 
 def test_texts_allowed_are_those_of_the_enumerations():
@@ -82,3 +100,5 @@ def test_a_switch_is_true_or_false(value):
         re.ParameterError, match=r"'standby' of optimize is .*; expected True or False"
     ):
         re.optimize("no bag", "kr16", 30.0, standby=value)
+    with pytest.raises(re.ParameterError, match="'held_out' of identify_all is"):
+        re.identify_all("no bag", "kr16", held_out=value)

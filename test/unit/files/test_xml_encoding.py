@@ -4,7 +4,7 @@ import pytest
 
 from robot_energy.foundation.config_file import read_text
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy.foundation.files.xml_encoding import xml_encoding
+from robot_energy.foundation.files.regular_file import xml_encoding
 
 TEXT = '<?xml version="1.0" encoding="{}"?>\n<robot name="Käfer"/>\n'
 

@@ -21,6 +21,7 @@ from robot_energy.physics.friction import ViscousLaw
 from robot_energy.timeline.blocks import Learning
 from robot_energy_fleet.bag_joints import bag_figures
 from robot_energy_fleet.bag_sums import HourSums
+from robot_energy_fleet.identify import fit_merged, score
 from robot_energy_fleet.joint_sums import (
     COLUMNS,
     MEASURED,
@@ -31,7 +32,6 @@ from robot_energy_fleet.joint_sums import (
     JointSums,
     gram_of,
 )
-from robot_energy_fleet.merged_friction import fit_merged, score
 from robot_energy_fleet.merged_laws import JointBags, without_nuisances
 from robot_energy_identify.stats.systematic import SensorLimits
 from robot_energy_plan.motion import Program

@@ -210,23 +210,6 @@ def test_jobs_rolled_up_by_name_are_those_that_ended_in_every_zone(tmp_path):
     assert jobs_of(tmp_path, "UTC") == jobs_by_hand(jobs.values(), "UTC")
 
 
-def test_tables_before_jobs_were_rolled_up_are_brought_up_to_date(tmp_path):
-    store, robot, _ = record(tmp_path, 5)
-    jobs = list(drawn_jobs(random.Random(3), 50, 5))
-    store.add_jobs("a", jobs)
-    assert store.write(robot.now)
-    for table in ("job60", "job1440", "friction"):
-        store._connection.execute(f"DROP TABLE {table}")
-    store._connection.execute("PRAGMA user_version = 2")
-    store.close()
-    later = HistoryStore(tmp_path)
-    later.open()
-    later.close()
-    assert "from version 2 to" in later.notices[0]
-    assert check(tmp_path) == []
-    assert jobs_of(tmp_path, "Europe/Berlin") == jobs_by_hand(jobs, "Europe/Berlin")
-
-
 def test_a_reader_sees_one_state_whatever_is_written_meanwhile(tmp_path, monkeypatch):
     """One transaction adds to a quarter hour and to a day, between the questions for these."""
     store, robot, _ = record(tmp_path, 5)

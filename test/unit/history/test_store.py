@@ -30,7 +30,6 @@ from robot_energy_history.files import open_reader
 from robot_energy_history.friction import LearnedFriction
 from robot_energy_history.readings import COLUMNS, ReadingDecoder
 from robot_energy_history.store import MAX_ROBOTS, HistoryStore
-from robot_energy_history.tariffs import stored_tariffs
 
 IMPORT = "predicted_import_microjoule"
 
@@ -481,70 +480,19 @@ def test_a_table_whose_columns_are_damaged_is_written_again(store):
     assert total(folder) == robot.values[IMPORT]
 
 
-def test_an_older_schema_is_brought_up_to_date_with_a_copy(store, monkeypatch):
+@pytest.mark.parametrize("version", [2, 4])
+def test_a_history_of_another_version_is_refused_and_left_as_it_is(store, version):
     robot = Robot()
     write(store, robot, [robot.minute()])
-    folder = store.folder
+    path = store.folder / schema.FILE
+    store._connection.execute(f"PRAGMA user_version = {version}")
     store.close()
-    monkeypatch.setattr(schema, "VERSION", 4)
-    monkeypatch.setitem(
-        schema.MIGRATIONS, 3, lambda c: c.execute("ALTER TABLE robot ADD COLUMN cell TEXT")
-    )
-    later = HistoryStore(folder)
-    later.open()
-    assert "from version 3 to 4" in later.notices[0]
-    write(later, robot, [robot.minute()])
-    later.close()
-    with closing(sqlite3.connect(folder / f"{schema.FILE}.version-3")) as copy:
-        assert copy.execute("PRAGMA user_version").fetchone() == (3,)
-    monkeypatch.setattr(schema, "VERSION", 3)
-    with refused(HistoryError, found="version 4"):
-        HistoryStore(folder).open()
-
-
-def test_the_first_tables_get_hours_days_and_a_file_of_tariffs(store):
-    robot = Robot()
-    for _ in range(100):
-        write(store, robot, [robot.minute() for _ in range(60)])
-    folder = store.folder
-    for table in ("slot60", "slot1440", "joint60", "joint1440", "curve"):
-        store._connection.execute(f"DROP TABLE {table}")
-    for table in ("job60", "job1440", "friction"):
-        store._connection.execute(f"DROP TABLE {table}")
-    store._connection.execute("DROP INDEX ended")
-    store._connection.execute("DELETE FROM meta WHERE name = 'rolled_until'")
-    store._connection.execute(
-        "CREATE TABLE tariff (id INTEGER PRIMARY KEY, begin, added, document)"
-    )
-    tariff = '{"begin": "2026-01-01", "price_per_kwh": 0.25}'
-    store._connection.execute("INSERT INTO tariff VALUES (1, 5, 6, ?)", (tariff,))
-    store._connection.execute("PRAGMA user_version = 1")
-    store.close()
-    later = HistoryStore(folder)
-    later.open()
-    assert "from version 1 to" in later.notices[0]
-    assert later.write(robot.now)
-    later.close()
-    assert [one.price_per_kwh for one in stored_tariffs(folder)] == [0.25]
-    assert check(folder) == []
-    with closing(open_reader(folder)) as connection:
-        assert connection.execute("SELECT count(*) FROM slot1440").fetchone() == (4,)
-    assert history(folder, START, START + 5 * DAY, "all")[IMPORT].tolist() == [
-        robot.values[IMPORT],
-    ]
-
-
-def test_a_migration_that_fails_leaves_all_as_it_was(store, monkeypatch):
-    robot = Robot()
-    write(store, robot, [robot.minute()])
-    folder = store.folder
-    store.close()
-    monkeypatch.setattr(schema, "VERSION", 4)
-    monkeypatch.setitem(schema.MIGRATIONS, 3, lambda c: c.execute("DROP TABLE no_such"))
-    with refused(HistoryError):
-        HistoryStore(folder).open()
-    monkeypatch.undo()
-    assert total(folder) == robot.values[IMPORT]
+    content = path.read_bytes()
+    for use in (lambda: repair(store.folder, robot.now), lambda: open_reader(store.folder),
+                lambda: HistoryStore(store.folder).open()):  # fmt: skip
+        with refused(HistoryError, found=f"version {version}", expected="version 3"):
+            use()
+    assert path.read_bytes() == content
 
 
 def test_jobs_are_the_same_however_often_they_come(store):

@@ -24,7 +24,7 @@ from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.results.drives import total_power
 from robot_energy_report.document import Document
 from robot_energy_report.identification import losses_section
-from robot_energy_report.parameters import changes_document
+from robot_energy_report.identify_all import changes_document
 from robot_energy_report.printing import print_document
 from terminal_tables import recorded_tables
 

@@ -23,7 +23,7 @@ from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy_cli.kinds import kinds_listing
 from robot_energy_cli.main import main
-from robot_energy_report.parameters import changes
+from robot_energy_report.identify_all import changes
 from robots import figure
 from toy_kinds import (
     EFFICIENCY,

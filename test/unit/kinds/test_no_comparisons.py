@@ -20,7 +20,7 @@ NODES = ROOT / "ros2_energy_monitor/ros2_energy_monitor"
 # Words that are a kind's name and mean something else.
 OTHER_WORDS = {
     ("robot_energy/bag/sqlite_source.py", "table"),  # type of an object of a database
-    ("robot_energy_fleet/merged_friction.py", "constant"),  # the law that every joint must have
+    ("robot_energy_fleet/identify.py", "constant"),  # the law that every joint must have
     ("robot_energy_identify/drives/total_power.py", "constant"),  # a structure of losses
     ("robot_energy_identify/drives/total_covariance.py", "constant"),  # the name of a figure
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry

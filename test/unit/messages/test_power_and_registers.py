@@ -65,7 +65,7 @@ def test_power_state(run):
     assert sum(joint.friction_power for joint in state.joints) == pytest.approx(
         state.friction_power
     )
-    for joint, expected in zip(state.joints, means.joint_mean("rigid")[-1], strict=True):
+    for joint, expected in zip(state.joints, means.powers["rigid"][-1], strict=True):
         assert joint.rigid_power == expected
         assert joint.shaft_power == pytest.approx(joint.rigid_power + joint.friction_power)
         assert joint.drive_power == pytest.approx(joint.shaft_power + joint.drive_loss)

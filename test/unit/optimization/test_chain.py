@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robot_energy.model import load
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.schema import Capacitor
+from robot_energy.model.figure import Figure, PositiveFigure
+from robot_energy.model.schema import CabinetFan, Capacitor
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_plan.motion import random_program
 from robot_energy_plan.motion.planned import SampledMotion
@@ -55,7 +55,17 @@ def cost_of(model, made, degc=30.0):
     return table.cost(CyclePlan(np.arange(made.moves), made.dwell, (None,) * made.moves))
 
 
-@pytest.mark.parametrize("model", [MODEL, with_capacitor(MODEL)], ids=["resistor", "capacitor"])
+def with_fan(model, on_above_degc):
+    power = PositiveFigure(value=80.0, tag="assumed", std=8.0)
+    fan = CabinetFan(power=power, on_above_degc=Figure(value=on_above_degc, tag="assumed"))
+    return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [MODEL, with_capacitor(MODEL), with_fan(MODEL, 29.0)],
+    ids=["resistor", "capacitor", "fan"],
+)
 def test_a_cycle_costs_what_the_prediction_of_live_operation_says(model):
     made = program()
     motion = SampledMotion(
@@ -78,6 +88,17 @@ def test_a_column_is_the_change_of_energy_with_its_figure():
     nearest = np.abs(before.columns - expected).min()
     assert expected > 20.0
     assert nearest < 0.05 * expected  # the brake makes it a little nonlinear
+
+
+def test_waiting_costs_the_fan_that_runs_meanwhile():
+    """80 W and its deviation of 8 W for each second, at rest and in the table of a cycle."""
+    rests = [
+        PowerChain(model, np.full((1, 6), 30.0)).rests(np.zeros((1, 6)))
+        for model in (with_fan(MODEL, 31.0), with_fan(MODEL, 29.0))
+    ]
+    assert rests[1].energy[0] - rests[0].energy[0] == pytest.approx(80.0)
+    squares = [float(np.square(one.columns).sum()) for one in rests]
+    assert squares[1] - squares[0] == pytest.approx(64.0, rel=1e-6)
 
 
 def test_what_two_programs_share_cancels():

@@ -5,7 +5,7 @@ import pytest
 
 import robot_energy as re
 from places import ROOT
-from robot_energy.bag.time_range import TimeRange
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
@@ -14,7 +14,7 @@ from robot_energy_plan.motion.ptp_loop import Program
 from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
 from robot_energy_plan.optimization.chain import PowerChain
 from robot_energy_plan.optimization.forms import read_form
-from robot_energy_plan.optimization.recorded_motion import recorded_motion
+from robot_energy_plan.optimization.trajectory_form import recorded_motion
 from sound_recordings import write_states
 
 MODEL = load("kr16")

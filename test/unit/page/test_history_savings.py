@@ -9,12 +9,12 @@ from histories import DAY, START, record_days
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy_history.savings import history_savings
-from robot_energy_report.page.history_savings import (
+from robot_energy_report.page.history_view import (
+    HistoryView,
     friction_answer,
     savings_answer,
     savings_wish,
 )
-from robot_energy_report.page.history_view import HistoryView
 
 NOW = START + 95 * DAY
 MARCH = {"period": ["month"], "at": ["2026-03-05"], "timezone": ["UTC"]}

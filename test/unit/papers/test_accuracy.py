@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy_papers.accuracy import accuracies, energy
+from robot_energy_papers.paper_b import accuracies, energy
 
 STEP = np.full(4, 0.5)  # s
 MEASURED = np.array([[10.0, 0.0], [10.0, 4.0], [-5.0, 4.0], [-5.0, 0.0]])

@@ -15,9 +15,8 @@ from robot_energy_cli import main
 from robot_energy_papers.experiment import make_programs, soaked
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.job_pool import StudyRun
-from robot_energy_papers.kr16_sensitivity import HOLD, RISE
 from robot_energy_papers.models import FOLLOWS, identify
-from robot_energy_papers.paper_a import QUICK, record_test, study
+from robot_energy_papers.paper_a import HOLD, QUICK, RISE, record_test, study
 from robot_energy_papers.soaked_rigs import ALL, Rigs, configurations, effect_row
 from robot_energy_rig import RigConfig, load_profile
 

@@ -7,8 +7,8 @@ import pytest
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy_papers.calibration import HOLDING_DEGC, Holding, holding_power, random_poses
-from robot_energy_papers.kr16_sensitivity import HOLD, RISE, holding_table, rise_table
 from robot_energy_papers.machines import layer, predicted
+from robot_energy_papers.paper_a import HOLD, RISE, holding_table, rise_table
 from robot_energy_papers.sensitivity import TOGETHER, OpenFigure, sensitivity
 from robot_energy_papers.wall import Wall
 from robot_energy_papers.wall_sensitivity import GANTRY

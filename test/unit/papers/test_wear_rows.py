@@ -9,9 +9,9 @@ from robot_energy.model import load
 from robot_energy.timeline.blocks import Learning, PowerBlock
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_studies.learning_study import joint_block, pipeline_of, work
-from robot_energy_studies.wear_cycle import RATE
-from robot_energy_studies.wear_rows import CHANGE_EVERY, WearRows
-from robot_energy_studies.wear_study import records_of
+from wear_cycle import RATE
+from wear_rows import CHANGE_EVERY, WearRows
+from wear_study import records_of
 
 SEED, WARM = 5, 65.0
 PROFILE = random_profile("kr16", SEED)

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robot_energy.model import load
 from robot_energy.model.schema import Cabinet
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.cabinet import CabinetStage, FanStage
 from robots import figure
 
 
@@ -90,3 +91,48 @@ def test_capacitor_is_the_plain_recursion_however_the_input_is_cut(seed, cuts):
         first += cut
     expected = plain_recursion(stamp, segment, bus + 150.0, 176.4)
     np.testing.assert_allclose(np.concatenate(flow), expected, rtol=1e-9, atol=1e-6)
+
+
+def cabinet_with_fan(**known):
+    fan = {"power": figure(30.0), "on_above_degc": {**figure(45.0), **known}}
+    fan["hysteresis"] = figure(5.0)
+    return Cabinet.model_validate(
+        {"loss_grid": figure(250.0), "loss_dc": figure(150.0), "fan": fan}
+    )
+
+
+def test_a_fan_starts_above_its_temperature_and_stops_below_the_hysteresis_however_it_is_cut():
+    """42 degC at first lies between 40 and 45 degC: half of 30 W. Cold motors change nothing."""
+    warmest = np.array([42.0, 39.0, 45.0, 45.5, 41.0, np.nan, 40.0, 42.0])
+    degc = np.column_stack([warmest, np.where(np.isnan(warmest), np.nan, 20.0)])
+    expected = [15.0, 0.0, 0.0, 30.0, 30.0, 30.0, 0.0, 0.0]
+    cabinet = cabinet_with_fan()
+    assert FanStage(cabinet).step(degc).tolist() == expected
+    stage = FanStage(cabinet)
+    parts = [stage.step(degc[first:last]) for first, last in ((0, 1), (1, 4), (4, 5), (5, 8))]
+    assert np.concatenate(parts).tolist() == expected
+    now = np.arange(8)
+    balance = CabinetStage(cabinet).step(
+        now, np.zeros(8, int), np.full(8, -400.0), np.array(expected)
+    )
+    np.testing.assert_allclose(
+        balance.grid_power, 250.0 + np.array(expected)
+    )  # while it brakes, too
+    np.testing.assert_allclose(balance.brake_power, 250.0)
+
+
+def test_within_its_deviation_a_fan_counts_by_the_probability_that_it_runs():
+    """Uniform from 45 - 3 to 45 + 3 K: 43.5 degC are warmer than a quarter of it."""
+    stage = FanStage(cabinet_with_fan(std=3.0 / np.sqrt(3.0)))
+    warmest = np.array([30.0, 43.5, 42.0, 46.5, 50.0, 42.5, 41.5, 30.0])
+    expected = [0.0, 7.5, 7.5, 22.5, 30.0, 27.5, 22.5, 0.0]
+    np.testing.assert_allclose(stage.step(warmest[:, None]), expected, atol=1e-12)
+
+
+def test_a_fan_without_any_temperature_counts_half():
+    assert FanStage(cabinet_with_fan()).step(np.full((2, 3), np.nan)).tolist() == [15.0, 15.0]
+
+
+def test_a_cabinet_without_a_fan_keeps_its_identity():
+    assert "fan" not in load("kr16").model_dump_json()
+    assert FanStage(load("kr16").cabinet).step(np.full((2, 6), 90.0)) == 0.0

@@ -147,10 +147,9 @@ def torque(model, velocity, rigid=0.0):
     shape = (len(velocity), 1)
     return model.torque(
         np.reshape(velocity, shape),
-        np.full(shape, rigid),
         np.full(shape, 0.5),
         np.full(shape, 0.02),
-        np.zeros(shape, dtype=bool),
+        motor_torque_rigid=np.full(shape, rigid),
     )[:, 0]
 
 
@@ -179,8 +178,7 @@ def test_a_viscous_exponent_bends_the_axis_that_has_one_and_leaves_the_other():
     both = FrictionModel([bent, friction_entry()])
     speed = np.array([[100.0, 100.0], [-4.0, -4.3], [0.0, 0.0]])
     np.testing.assert_allclose(both.viscous_velocity(speed)[:, 0], [50.0, -10.0, 0.0])
-    given = (np.zeros((3, 2)), np.full((3, 2), 0.5), np.full((3, 2), 0.02))
-    found = both.torque(speed, *given, np.zeros((3, 2), dtype=bool))
+    found = both.torque(speed, np.full((3, 2), 0.5), np.full((3, 2), 0.02))
     np.testing.assert_allclose(found[:, 0], [0.5 + 1.0, -0.5 - 0.2, 0.0])
     np.testing.assert_array_equal(found[:, 1], torque(friction(), speed[:, 1]))
     assert friction().viscous_velocity(speed) is speed
@@ -200,10 +198,9 @@ def test_a_model_without_a_viscous_exponent_keeps_its_identity():
 def test_standing_axis_has_no_friction_torque():
     result = friction().torque(
         np.array([[1e-3]]),
-        np.zeros((1, 1)),
         np.full((1, 1), 0.5),
         np.full((1, 1), 0.02),
-        np.ones((1, 1), dtype=bool),
+        standing=np.ones((1, 1), dtype=bool),
     )
     assert result[0, 0] == 0.0
 

@@ -77,7 +77,11 @@ def test_plant_is_not_its_model(name):
     degc = np.full_like(truth.motor_velocity, 22.0)
     coulomb = np.broadcast_to(friction.coulomb, degc.shape)
     torque = friction.torque(
-        truth.motor_velocity, truth.motor_torque, coulomb, friction.viscous(degc), standing
+        truth.motor_velocity,
+        coulomb,
+        friction.viscous(degc),
+        motor_torque_rigid=truth.motor_torque,
+        standing=standing,
     )
     power, _ = drive_from_model(model).input_power(
         truth.shaft_power, truth.motor_velocity, truth.motor_torque, degc

@@ -125,35 +125,6 @@ def test_one_damaged_file_is_noted_in_the_books_that_go_on(tmp_path):
     assert kinds(books) == ["file_lost", "restart"]
 
 
-def test_a_register_that_is_new_counts_from_here(tmp_path):
-    """The state of a release that did not know the brake."""
-    account = EnergyAccount(2)
-    account.step(steady(0, 10, watt=-100.0))
-    account.open_interval("job")
-    data = account.state(IDENTITY).model_dump(mode="json")
-    for part in (data["totals"], data["open_intervals"][0]["base"]):
-        del part["cabinet_energy_microjoule"]["brake"]
-    del data["remainders"]["cabinet"]["brake"]
-    for part in (data["totals"], data["open_intervals"][0]["base"]):
-        del part["joint_energy_microjoule"]["deviation_together_viscous"]
-    del data["remainders"]["joints"]["deviation_together_viscous"]
-    slots = SlotPair(tmp_path, "arm", FORMAT_VERSION, AccountRecord.from_json)
-    slots.acquire()
-    slots.write(AccountRecord.model_validate(data, strict=False).to_json())
-    slots.release()
-    books = keeper(tmp_path)
-    books.open()
-    assert books.account.registers.cabinet("brake") == 0.0
-    assert books.account.registers.cabinet("grid_return") == 1000.0
-    notes = [one.text for one in books.account.trace.entries if one.kind == "register_added"]
-    assert notes == [
-        f"register '{name}' counts from here" for name in ("brake", "deviation_together_viscous")
-    ]
-    books.account.step(steady(10.01, 11, watt=-100.0))
-    closed = books.account.close_interval("job").counted
-    assert closed.cabinet_energy_microjoule["brake"] > 0
-
-
 def test_a_second_monitor_writes_nothing_and_takes_over_without_counting_twice(tmp_path):
     first, second = keeper(tmp_path), keeper(tmp_path)
     first.open()

@@ -115,13 +115,14 @@ def test_with_a_bit_of_any_byte_flipped_the_other_slot_is_used(tmp_path):
     ("content", "why"),
     [
         (b"", "an empty file"),
-        (wrap(2, 9, b"{}"), "a state file of format 2; expected at most 1"),
+        (wrap(2, 9, b"{}"), "a state file of format 2; expected format 1"),
+        (wrap(0, 9, b"{}"), "a state file of format 0; expected format 1"),
         (wrap(1, 9, b"refused"), "not a state"),
         (b"\x00" * 4096, "without the first line"),
         (b"\xff" * 70_000, "without the first line"),
         (wrap(1, 9, b"{}").replace(b"bytes=2", b"bytes=999999999"), "cut after 2 bytes"),
     ],
-    ids=["empty", "newer", "unreadable", "zeros", "ones", "length"],
+    ids=["empty", "newer", "older", "unreadable", "zeros", "ones", "length"],
 )
 def test_a_slot_that_cannot_be_used_is_moved_aside(tmp_path, content, why):
     check_damage(tmp_path, lambda _: content)

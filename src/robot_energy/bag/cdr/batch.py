@@ -50,7 +50,7 @@ class RawBatch:
                 f"{len(messages)} messages of {topic} came with times of shape {times.shape}",
                 f"shape ({len(messages)},)",
             )
-        length = np.array([len(message) for message in messages], dtype=np.int64)
+        length = np.fromiter(map(len, messages), np.int64, len(messages))
         buffer = np.frombuffer(b"".join(messages), dtype=np.uint8)
         return cls(topic, msgtype, times, buffer, np.cumsum(length) - length, length)
 

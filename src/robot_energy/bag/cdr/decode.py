@@ -119,7 +119,9 @@ class _Layout:
         self._spans, self._exact = found.spans, exact
         self._message = data[: found.end]
         self._views = {path: c for path, c in columns.items() if isinstance(c, View)}
-        self._constants = {p: c for p, c in columns.items() if isinstance(c, str | tuple)}
+        self._constants: dict[str, Column] = {
+            path: column for path, column in columns.items() if isinstance(column, str | tuple)
+        }
         self._places = tuple(view.offset for view in self._views.values())
         self._plain = len(columns) == len(self._views) + len(self._constants)
         self._plain &= len(columns) <= kernels.MAX_COLUMNS
@@ -181,16 +183,15 @@ class _Layout:
         """Return the columns of messages by the kernel; None if it cannot, or some do not agree."""
         if not self._plain or kernels.compiled is None:
             return None
-        rows = len(offset)
-        outs = {
-            path: np.empty((rows, *view.shape), view.native, order="F")
-            for path, view in self._views.items()
-        }
+        columns, outs = self._constants.copy(), list[NDArray[Any]]()
+        for path, view in self._views.items():
+            outs.append(np.empty((len(offset), *view.shape), view.native, order="F"))
+            columns[path] = outs[-1]
         begin, end = self._edges
         agree = kernels.compiled.columns(
-            buffer, offset, self._message, begin, end, self._places, tuple(outs.values())
+            buffer, offset, self._message, begin, end, self._places, tuple(outs)
         )
-        return Run(index, {**self._constants, **outs}) if agree else None
+        return Run(index, columns) if agree else None
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
         """Return the columns of rows that agree."""
@@ -287,31 +288,23 @@ class Decoder:
             return pending
         offset = batch.offset if whole and every else batch.offset[index]
         run = layout.compiled_run(index, batch.buffer, offset)
-        if run is not None:
-            runs.append(run)
-            self._remember(layout)
-            return pending[:0] if every else np.setdiff1d(pending, index, assume_unique=True)
-        rows = layout.gather(batch.buffer, offset)
-        agree = layout.agree(rows)
-        if agree is not None:
-            index, rows = index[agree], rows[agree]
-            if not len(index):
-                return pending
-        runs.append(layout.run(index, rows))
-        self._remember(layout)
-        if every and agree is None:
-            return pending[:0]
-        return np.setdiff1d(pending, index, assume_unique=True)
-
-    def _remember(self, layout: _Layout) -> None:
-        """Keep a layout as the last one used, within the bounds."""
+        if run is None:
+            rows = layout.gather(batch.buffer, offset)
+            agree = layout.agree(rows)
+            if agree is not None:
+                every, index, rows = False, index[agree], rows[agree]
+                if not len(index):
+                    return pending
+            run = layout.run(index, rows)
+        runs.append(run)
         if layout.key not in self._layouts:
             self._layouts[layout.key] = layout
             self._kept_bytes += layout.memory
-        self._layouts.move_to_end(layout.key)
+        self._layouts.move_to_end(layout.key)  # as the last one used, within the bounds
         while len(self._layouts) > MAX_LAYOUTS or self._kept_bytes > MAX_LAYOUT_BYTES:
             _, oldest = self._layouts.popitem(last=False)
             self._kept_bytes -= oldest.memory
+        return pending[:0] if every else np.setdiff1d(pending, index, assume_unique=True)
 
     def _walk(self, data: bytes) -> _Layout | None:
         """Return the layout of one message; None if it is malformed."""

@@ -102,14 +102,16 @@ class Encoder:
         rows = np.empty((n, self.size), dtype=np.uint8)
         rows[:] = self._template
         for path, plan in self._plans.items():
-            self._write(path, plan, rows, np.asarray(columns[path]))
+            values = np.asarray(columns[path])
+            if n and isinstance(plan, View) and values.dtype == plan.native:
+                shape, strides = (n, *plan.shape), (self.size, *plan.strides)
+                if values.shape in ((), shape):  # as nearly always
+                    np.ndarray(shape, plan.dtype, rows, plan.offset, strides)[...] = values
+                    continue
+            self._write(path, plan, rows, values)
         return rows
 
     def _write(self, path: str, plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
-        if isinstance(plan, View) and values.dtype == plan.native:
-            if not values.ndim or values.shape == (len(rows), *plan.shape):
-                plan.of(rows)[...] = values
-                return
         shape = plan_shape(plan)
         if values.ndim and (shape is None or values.shape != (len(rows), *shape)):
             expected = "one number" if shape is None else f"{(len(rows), *shape)} or one number"

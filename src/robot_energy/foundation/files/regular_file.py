@@ -7,12 +7,81 @@ is opened without waiting, looked at, and read only if it is a regular one. What
 
 from __future__ import annotations
 
+import codecs
 import errno
 import os
+import re
+import shlex
 import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
+
+from robot_energy.foundation.errors import CredentialsError
+
+
+def require_private(path: str, what: str, remedy: str = "") -> Path:
+    """Return the path of a file of secrets; refuse one that others can read or write.
+
+    Args:
+        path: The file; ``~`` is the home folder.
+    """
+    full = Path(path).expanduser()
+    try:
+        status = full.stat()
+    except OSError as error:
+        raise CredentialsError(
+            f"the {what} {full} cannot be read ({error.strerror})", "a file of this user", remedy
+        ) from error
+    mode = stat.S_IMODE(status.st_mode)
+    if mode & 0o077:
+        raise CredentialsError(
+            f"the {what} {full} has the permissions {mode:04o}",
+            "0600: only its owner can read it",
+            f"chmod 600 {shlex.quote(str(full))}",
+        )
+    if status.st_uid not in (os.getuid(), 0):
+        raise CredentialsError(
+            f"the {what} {full} belongs to the user {status.st_uid}",
+            f"the user of this process, {os.getuid()}",
+        )
+    return full
+
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+    (b"<\0", "utf-16-le"),
+    (b"\0<", "utf-16-be"),
+)
+_DECLARED = re.compile(rb"""\s*<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z][\w.:-]*)["']""")
+DECLARE = 'declare its encoding in the first line, as <?xml version="1.0" encoding="ISO-8859-1"?>'
+
+
+def xml_encoding(data: bytes) -> str:
+    """Return the name of the encoding of an XML file: UTF-8 if it states none.
+
+    A declaration that cannot be true, such as UTF-16 in a file of single bytes, counts as none.
+
+    Raises:
+        LookupError: If it declares an encoding that is not known.
+    """
+    for mark, name in _MARKS:
+        if data.startswith(mark):
+            return name
+    declared = _DECLARED.match(data[:400])
+    if declared is None:
+        return "utf-8"
+    name = declared[1].decode("ascii")
+    try:
+        plausible = declared[0].decode(name, "replace") == declared[0].decode("ascii", "replace")
+    except UnicodeError:
+        plausible = False
+    return name if plausible else "utf-8"
+
 
 _KINDS = {
     stat.S_IFIFO: "it is a pipe; write its content to a file and name that",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,13 @@ from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.timeline.blocks import Float, Int, JointBlock
-from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, BAD_STAMP, newest_by_epoch, valid_stamps
+from robot_energy.timeline.stamps import (
+    BACKWARD_JUMP_NS,
+    BAD_STAMP,
+    MAX_STAMP_NS,
+    newest_by_epoch,
+    valid_stamps,
+)
 from robot_energy.timeline.streams import OLDER
 
 if TYPE_CHECKING:
@@ -63,8 +70,8 @@ REFUSED = {  # what was expected instead of messages refused for a reason, and w
     ),
 }
 Mask = NDArray[np.bool_]
-_Rows = tuple[Int | Float, ...]
-"""Stamps, positions, velocities and, where it is read, effort of some messages."""
+_Rows = tuple[Int, list[Float]]
+"""Stamps; positions, velocities and, where it is read, effort of some messages."""
 
 
 @dataclass
@@ -121,6 +128,7 @@ class JointStateReader:
         ignored_joints: Joints met that the model does not know.
         known_names: What messages may call the joints, in model order: each way that is read.
         recorded: When messages came, used or not.
+        arrival_ns: When the last message that was read came. [ns]
     """
 
     def __init__(
@@ -134,6 +142,7 @@ class JointStateReader:
         source = source or JointStateSource()
         self.ignored_joints: set[str] = set()
         self.recorded = RecordedTime()
+        self.arrival_ns = 0
         self._log = log
         names = tuple(joint_names)
         self.known_names = tuple(dict.fromkeys((source.names_of(names), names)))
@@ -158,8 +167,10 @@ class JointStateReader:
         """
         self._log.received += sum(map(len, batches))
         read: list[tuple[RawBatch, tuple[JointBlock, Int]]] = []
+        self.arrival_ns = 0
         for batch in batches:
             if len(batch):
+                self.arrival_ns = max(self.arrival_ns, int(batch.log_time_ns[-1]))
                 part, rows = self._batch(batch)
                 self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
                 if len(part):
@@ -189,7 +200,8 @@ class JointStateReader:
         placed: list[tuple[Int, _Rows]] = []
         for first, piece in batch.pieces(MAX_DECODED_BYTES):
             decoded = self._decoder.decode(piece)
-            self._log.reject("malformed", len(decoded.malformed))
+            if len(decoded.malformed):
+                self._log.reject("malformed", len(decoded.malformed))
             for run in decoded.runs:
                 part = self._place(run, piece)
                 if isinstance(part, str):
@@ -199,27 +211,26 @@ class JointStateReader:
         if not placed:
             none, empty = np.empty(0, dtype=np.int64), np.empty((0, self._n_joints))
             return joint_block(none, empty, empty), none
-        rows, (stamp, *quantities) = placed[0]
+        rows, (stamp, quantities) = placed[0]
         if len(placed) > 1:
             rows = np.concatenate([each for each, _ in placed])
             order = np.argsort(rows)
-            rows = rows[order]
-            stamp, *quantities = (
+            rows, stamp = rows[order], np.concatenate([part[0] for _, part in placed])[order]
+            quantities = [
                 np.asarray(np.concatenate(parts)[order], order="F")
-                for parts in zip(*(part for _, part in placed), strict=True)
-            )
-        columns: list[Float] = [np.asarray(values, dtype=np.float64) for values in quantities]
-        for place, each in enumerate(self._corrections[: len(columns)]):
+                for parts in zip(*(part[1] for _, part in placed), strict=True)
+            ]
+        for place, each in enumerate(self._corrections[: len(quantities)]):
             if each is not None:
-                columns[place] = each.apply(columns[place])
-        part = joint_block(np.asarray(stamp, dtype=np.int64), *columns)
+                quantities[place] = each.apply(quantities[place])
+        part = joint_block(stamp, *quantities)
         good = self._usable(part)
         return (part, rows) if good is None else (part[good], rows[good])
 
     def _usable(self, part: JointBlock) -> Mask | None:
         """Refuse messages, each for the first reason that applies; None if none is."""
         stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
-        dated = bool(((stamp > 0) & valid_stamps(stamp)).all())
+        dated = int(stamp.min(initial=1)) > 0 and int(stamp.max(initial=1)) <= MAX_STAMP_NS
         with np.errstate(over="ignore", invalid="ignore"):
             finite = bool(np.isfinite(position.sum() + velocity.sum()))
         if dated and finite:
@@ -233,17 +244,17 @@ class JointStateReader:
     def _place(self, run: Run, batch: RawBatch) -> _Rows | str:
         """Return stamps and quantities of a run in model order, or why there are none."""
         names = run.columns["name"]
-        arrays = [run.columns[key] for key in ("position", "velocity")]
+        arrays = [run.columns["position"], run.columns["velocity"]]
         if self._effort:
             arrays.append(run.columns["effort"])
-        if not isinstance(names, tuple) or any(isinstance(array, str | tuple) for array in arrays):
+        if not isinstance(names, tuple) or {*map(type, arrays)} != {np.ndarray}:
             return "malformed"
         columns = self._columns.get(names)
         if columns is None:
             columns = self._columns.put(names, self._match(names))
         if isinstance(columns, str):
             return columns
-        position, *others = (np.asarray(array, dtype=np.float64) for array in arrays)
+        position, *others = map(partial(np.asarray, dtype=np.float64), arrays)
         if position.shape[1] != len(names):
             return "wrong_length"
         if not self._velocity:
@@ -257,7 +268,7 @@ class JointStateReader:
             lost = np.isnan(position) & (True if columns.present is None else columns.present)
             position[lost] = np.inf  # which is refused; NaN says that the message lacks the joint
         stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
-        return stamp, position, *map(columns.place, others)
+        return stamp, [position, *map(columns.place, others)]
 
     def _match(self, names: tuple[str, ...]) -> _Columns | str:
         """Where the model's joints are in a message, or why it cannot be used."""

@@ -15,7 +15,6 @@ from robot_energy.inputs.joint_states.decode import (
     RecordedTime,
 )
 from robot_energy.inputs.joint_states.partial_states import (
-    BROKEN,
     SAME_STAMP,
     PartialStateMerger,
 )
@@ -109,7 +108,6 @@ class JointStateIngest:
         )
         self.conflicts = PublisherConflictFilter(n_joints, log, limits)
         self._merger = PartialStateMerger(n_joints, log, self.conflicts.dispute, limits, max_gap)
-        self._broken = False  # something is missing before the next sample
         self._first = 0  # whether the first message waits; it counts as accepted meanwhile
 
     @property
@@ -261,14 +259,12 @@ class JointStateIngest:
 
     def step(self, batches: RawBatch | Sequence[RawBatch]) -> JointBlock | None:
         """Return the samples known with messages of one topic or several; None for none."""
-        given = [batches] if isinstance(batches, RawBatch) else batches
-        block = self._reader.read(given)
+        block = self._reader.read([batches] if isinstance(batches, RawBatch) else batches)
         block = None if block is None else self._zeros.step(block)
         block = None if block is None else self._velocities.step(block)
         if block is None:
             return self._samples([])
-        arrival_ns = max(int(batch.log_time_ns[-1]) for batch in given if len(batch))
-        return self._samples(self._stream.step(block, arrival_ns))
+        return self._samples(self._stream.step(block, self._reader.arrival_ns))
 
     def flush(self) -> JointBlock | None:
         """Return what still waits, as at the end of a bag."""
@@ -284,7 +280,6 @@ class JointStateIngest:
         self._merger.restart()
         self.conflicts.begin_epoch(restless=False, stamp_ns=0)
         self._first = 0
-        self._broken = True
         self.order.interrupt()
 
     def _samples(
@@ -297,33 +292,25 @@ class JointStateIngest:
                 parts += self._end_of_epoch()
                 self.conflicts.begin_epoch(run.restless, run.first_ns)
                 self._merger.begin_epoch()
-                self._broken = True
-            if (part := self._use(self._merger.step(block, run.rising))) is not None:
+            merged = self._merger.step(block, run.rising)
+            if merged is not None and (part := self.conflicts.step(merged)) is not None:
                 parts.append(part)
         if closing:
             parts += self._end_of_epoch()
-        rejections, first = self.rejections, int(self._stream.epochs.beginning)
+        rejections, stream = self.rejections, self._stream
+        first = 0 if stream.held is None else int(stream.epochs.beginning)
         rejections.accepted += first - self._first
         self._first = first
-        stream, merger = self._stream, self._merger
-        rejections.waiting = merger.lead.shape[1] - first
+        rejections.waiting = self._merger.lead.shape[1] - first
         for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
             rejections.waiting += 0 if holder.held is None else len(holder.held)
         return self._finished(JointBlock.concatenate(parts)) if parts else None
 
     def _end_of_epoch(self) -> list[JointBlock]:
         """Take what waits for later messages of the epoch that ends."""
-        parts = self._use(self._merger.flush()), self.conflicts.flush()
-        return [part for part in parts if part is not None]
-
-    def _use(self, samples: JointBlock | None) -> JointBlock | None:
-        """Leave out what two publishers contradict each other about."""
-        if samples is None:
-            return None
-        if self._broken:
-            samples.quality[0] |= BROKEN
-            self._broken = False
-        return self.conflicts.step(samples)
+        merged = self._merger.flush()
+        used = None if merged is None else self.conflicts.step(merged)
+        return [part for part in (used, self.conflicts.flush()) if part is not None]
 
     def _finished(self, samples: JointBlock) -> JointBlock:
         """Count samples, number their segments and mark what is doubtful."""

@@ -33,15 +33,12 @@ class _Repeats:
         self.count = self.first_ns = self.last_ns = self.messages = 0
         self.hold = 0.0
 
-    def note(self, stamp_ns: Int, elapsed: Int, held: Int, moves: Mask) -> None:
+    def note(self, stamp_ns: Int, elapsed: Int, held: Int, repeated: Mask) -> None:
         """Take samples.
 
         ``elapsed`` is the time since the sample before, shape (N, 1); ``held`` how long values
-        stood before they changed, ``moves`` which steps are those of a motion, shape (N, n). [ns]
+        stood before they changed, ``repeated`` where longer than that, shape (N, n). [ns]
         """
-        repeated = moves & (held > LONGER * elapsed) & (held <= MAX_HOLD / NANOSECOND)
-        if not bool(repeated.any()):
-            return
         rows = np.flatnonzero(repeated.any(axis=1))
         last = rows[-1]
         self.first_ns = self.first_ns if self.count else int(stamp_ns[rows[0]])
@@ -110,13 +107,10 @@ class PositionJumpDetector:
         self._last = None
         self._before = self.lone = np.zeros_like(self._before)
 
-    @property
-    def calm(self) -> bool:
-        """Whether neither the last step was a leap nor a lone leap is remembered."""
-        return not (self._before.any() or self.lone.any())
-
     def leaps(self, stamp_ns: Int, position: Float) -> Directions | None:
-        """Return the direction of every leap, else 0, shape (N, n); None where no step is a leap.
+        """Return the direction of every leap, else 0, shape (N, n).
+
+        None where no step is a leap, the one before was none and no lone leap is remembered.
 
         Args:
             stamp_ns: Rising, shape (N,), N >= 1. [ns]
@@ -137,14 +131,17 @@ class PositionJumpDetector:
         held = self._held(stamp_ns, start, step != 0)
         elapsed = differences(stamp_ns, start)[:, None]
         if held is not None:
-            self.repeats.note(stamp_ns, elapsed, held, size > self._moving)
-        if bool((size <= self._always).all()):
-            return None
-        time = np.maximum(elapsed * NANOSECOND, MIN_TIME)
-        if held is not None:
-            time = np.maximum(time, np.minimum(held * NANOSECOND, MAX_HOLD))
-        far = size > self._allowed * time
-        if not bool(far.any()):
+            repeated = (size > self._moving) & (held > LONGER * elapsed)
+            repeated &= held <= MAX_HOLD / NANOSECOND
+            if repeated.any():
+                self.repeats.note(stamp_ns, elapsed, held, repeated)
+        far = size > self._always
+        if far.any():
+            time = np.maximum(elapsed * NANOSECOND, MIN_TIME)
+            if held is not None:
+                time = np.maximum(time, np.minimum(held * NANOSECOND, MAX_HOLD))
+            far = size > self._allowed * time
+        if not (far.any() or self._before.any() or self.lone.any()):
             return None
         return np.where(far, np.sign(step), 0.0).astype(np.int8)
 

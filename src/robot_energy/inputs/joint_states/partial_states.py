@@ -41,10 +41,8 @@ class _Track:
     def contradictions(self, stamp: Int, position: Float) -> list[int]:
         """Stamps of new readings that leapt back, as those of two publishers do."""
         leaps = self.steps.leaps(stamp, position[:, None])
-        if leaps is None and self.steps.calm:
-            return []
         if leaps is None:
-            leaps = np.zeros((len(stamp), 1), dtype=np.int8)
+            return []
         rows = zip(stamp.tolist(), leaps, strict=True)
         return [at for at, leap in rows if bool(self.steps.back(at, leap)[0])]
 

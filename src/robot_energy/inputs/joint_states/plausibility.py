@@ -121,7 +121,8 @@ class Plausibility:
         Args:
             block: Samples; those concerned get ``JOINT_STATE_IMPLAUSIBLE``.
         """
-        self._check_limits(block)
+        if self._limits is not None:
+            self._check_limits(block)
         self._check_zeros(block)
         self._check_velocities(block)
 
@@ -143,8 +144,6 @@ class Plausibility:
         return found
 
     def _check_limits(self, block: JointBlock) -> None:
-        if self._limits is None:
-            return
         position, velocity = block.joint_position, block.joint_velocity
         beyond = (position > self._high) | (position < self._low)
         beyond |= np.abs(velocity) > self._fastest
@@ -186,9 +185,9 @@ class Plausibility:
     def _check_velocities(self, block: JointBlock) -> None:
         """Compare velocity with the slope of the position, four times a second."""
         before, last = self._last, len(block) - 1
-        known = int(block.stamp_ns[0]) if before is None else before[0]
-        rows = _crossings(block, known // EVERY_NS)
         stamp, segment = block.stamp_ns, block.segment
+        known = int(stamp[0]) if before is None else before[0]
+        rows = np.flatnonzero(differences(stamp // EVERY_NS, known // EVERY_NS))
         position, velocity = block.joint_position, block.joint_velocity
         self._last = (int(stamp[last]), int(segment[last]), position[last], velocity[last])
         if not len(rows):
@@ -280,18 +279,6 @@ class Plausibility:
         if abs(ratio * DEGREES - 1) < 0.2:
             looks = ": the positions look like degrees"
         return f"the velocity of {name} is {ratio:.3g} times the change of its positions{looks}"
-
-
-def _crossings(block: JointBlock, before: int) -> Int:
-    """First samples of each quarter of a second; ``before`` is that of the sample before."""
-    stamp = block.stamp_ns
-    last = int(stamp[-1]) // EVERY_NS
-    rises = block.segment[0] == block.segment[-1] and int(stamp[0]) // EVERY_NS >= before
-    if rises and last - before < len(stamp):  # much quicker than dividing every stamp
-        borders = np.arange(before + 1, last + 1) * EVERY_NS
-        rows = np.searchsorted(stamp, borders, side="left")
-        return rows[differences(rows, -1) > 0] if len(rows) else rows
-    return np.flatnonzero(differences(stamp // EVERY_NS, before))
 
 
 class VelocityCheck:

@@ -67,7 +67,7 @@ class PublisherConflictFilter:
         self._before: tuple[int, Float] | None = None  # the same, before those that wait
         self._alone_ns: int | None = None  # of the last leap that came back, in this epoch
         self._to_watch = 0  # time that must pass without a sign [ns]
-        self._broken = False  # samples were refused before the next one
+        self._broken = False  # something is missing before the next sample
 
     def dispute(self, stamps_ns: Iterable[int]) -> None:
         """Note that messages contradicted each other.
@@ -87,6 +87,7 @@ class PublisherConflictFilter:
         self.steps.begin_epoch()
         self._disputes.clear()
         self._last = self._alone_ns = None
+        self._broken = True
         if restless:
             self._note(stamp_ns)
         return held
@@ -95,10 +96,13 @@ class PublisherConflictFilter:
         """Return the samples that can be used, with some that waited before, or None."""
         leaps = self.steps.leaps(samples.stamp_ns, samples.joint_position)
         out: JointBlock | None = samples
-        if leaps is not None or self._disputes or not self.steps.calm or self._to_watch:
+        if leaps is not None or self._disputes or self._to_watch:
             if leaps is None:
                 leaps = np.zeros(samples.joint_position.shape, dtype=np.int8)
             out = self._judge(samples, leaps, self._disputed(samples))
+        elif self._broken:
+            samples.quality[0] |= BROKEN
+            self._broken = False
         self._last = int(samples.stamp_ns[-1]), samples.joint_position[-1].copy()
         return out
 
@@ -250,12 +254,17 @@ class ZeroStateFilter:
         """
         if self.held is not None:
             block, self.held = JointBlock.concatenate([self.held, block]), None
-        zero, other = self._kinds(block)
+        stamp, position, velocity = block.stamp_ns, block.joint_position, block.joint_velocity
+        other = ~np.isnan(position.sum(axis=1))  # those with all joints
+        zero = other & (position[:, 0] == 0)
+        if bool(zero.any()):
+            zero &= (position == 0).all(axis=1)
+            zero &= ((velocity == 0) | np.isnan(velocity)).all(axis=1)
+            other &= ~zero
         rows, others = np.flatnonzero(zero), np.flatnonzero(other)
         if not self._begun and len(block) == len(rows) == 1:
             self.held = block
             return None
-        stamp, position = block.stamp_ns, block.joint_position
         if not self._begun and zero[0] and other[1]:
             self._last = int(stamp[1]), position[1]
         self._begun = True
@@ -271,17 +280,6 @@ class ZeroStateFilter:
         left: Mask = np.ones(len(block), dtype=np.bool_)
         left[foreign] = False
         return block[left] if bool(left.any()) else None
-
-    @staticmethod
-    def _kinds(block: JointBlock) -> tuple[Mask, Mask]:
-        """Which messages are all zero, and which of the others have all joints, shape (N,) each."""
-        position, velocity = block.joint_position, block.joint_velocity
-        full = ~np.isnan(position.sum(axis=1))
-        zero = full & (position[:, 0] == 0)
-        if bool(zero.any()):
-            zero &= (position == 0).all(axis=1)
-            zero &= ((velocity == 0) | np.isnan(velocity)).all(axis=1)
-        return zero, full & ~zero
 
     def _foreign(self, stamp: Int, position: Float, rows: Int, others: Int) -> list[int]:
         """Which of the rows of zeros come next to another state."""

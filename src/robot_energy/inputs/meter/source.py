@@ -17,7 +17,7 @@ from robot_energy.inputs.meter.kinds import (
     MeterKind,
     meter_kind,
 )
-from robot_energy.inputs.parameters import HEADER, RECEIVE, group, parameter
+from robot_energy.inputs.parameters import HEADER, RECEIVE, group, parameter, setting
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation, MeterMeaning
 
 BY_TYPE = "by_type"
@@ -316,6 +316,4 @@ class MeterInputs:
     """Parameters of the power meter."""
 
     meter: MeterSource = group(MeterSource)
-    meter_max_gap: float = parameter(
-        "Longest time between two meter readings that is bridged [s].", 2.0, 0.01, 3600.0
-    )
+    meter_max_gap: float = setting("meter_max_gap", 2.0, 0.01, 3600.0)

@@ -8,7 +8,7 @@ from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.model.load import load, save
 from robot_energy_identify.drives.delays import with_response
 from robot_energy_identify.stats.lag import Delay
-from robot_energy_report.parameters import changes
+from robot_energy_report.identify_all import changes
 from robots import one_wheel
 
 

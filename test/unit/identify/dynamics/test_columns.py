@@ -44,7 +44,13 @@ def monitor_friction(model):
     temperature = np.full_like(speed, 25.0)
     coulomb = np.broadcast_to(friction.coulomb, speed.shape)
     still = np.zeros(speed.shape, dtype=np.bool_)
-    return friction.torque(speed, speed, coulomb, friction.viscous(temperature), still)
+    return friction.torque(
+        speed,
+        coulomb,
+        friction.viscous(temperature),
+        motor_torque_rigid=speed,
+        standing=still,
+    )
 
 
 @pytest.mark.parametrize("kind", ["viscous", "coulomb", "stribeck"])

@@ -1,7 +1,7 @@
 """When wear is found on the rig, and how often it is found where there is none.
 
 Runs of the rig itself (`robot_energy_studies.wear_shift`) take too long to be repeated on ten
-plants. `simulated` runs many days by the rows of `robot_energy_studies.wear_rows`, and asks of each
+plants. `simulated` runs many days by the rows of `wear_rows`, and asks of each
 axis four things: how often an alarm is raised without wear, and when a step, a slow rise and a
 fall are found that begin at a given hour of its motion. For these three the excess of the records
 is changed, which leaves out the heat that wear makes. `worn_in_plant` has no such simplification:
@@ -24,7 +24,8 @@ from robot_energy.condition.wear_records import MotionGatherer, WearRecord
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig import PlantProfile
-from robot_energy_studies.wear_rows import DAY_HOURS, START_NS, WearRows
+from robot_energy_studies.wear_shift import DAY_HOURS
+from wear_rows import START_NS, WearRows
 
 METER_PART = 5.0  # s of a window of the meter
 BEGINS = (48.0, 96.0)  # when wear begins, in hours of motion of the axis [h]

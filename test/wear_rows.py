@@ -39,11 +39,11 @@ from robot_energy_rig.plant import (
     ThermalNetwork,
 )
 from robot_energy_studies.learning_study import work
-from robot_energy_studies.wear_cycle import RATE, CycleSums, cycle_sums
+from robot_energy_studies.wear_shift import HIDDEN
+from wear_cycle import RATE, CycleSums, cycle_sums
 
 PART = 15.0  # s summed up together
 LOADS = 8  # pairs of true and known payload of a plant
-HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 CHANGE_EVERY = 1800.0  # s between two payloads
 JOB_LOADS = 4  # the same of a program that is drawn later
 KNOWN_JOB = 0.5  # probability that the next program ran before
@@ -57,7 +57,6 @@ MAX_STEP = 40.0  # s of the thermal network at once
 COLLIDE_EVERY = 14_400.0  # s of work between two collisions of an axis, mean
 COLLISION = 3.0  # greatest impulse of one, over that of the model's friction in a part
 READINGS = 5  # of the temperature sensors that a part averages
-DAY_HOURS = 24  # h
 START_NS = 1_700_000_000_000_000_000
 
 

@@ -103,7 +103,11 @@ def cycle_sums(
     measured = block.motor_velocity
     zero, unit = np.zeros_like(measured), np.ones_like(measured)
     own = law.torque(
-        measured, block.rigid_power / measured, law.coulomb * unit, zero, measured == 0
+        measured,
+        law.coulomb * unit,
+        zero,
+        motor_torque_rigid=block.rigid_power / measured,
+        standing=measured == 0,
     )
     number = (place / (part * RATE)).astype(int)
     basis = [*plant, block.rigid_power / measured, own, measured]

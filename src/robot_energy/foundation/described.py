@@ -1,0 +1,43 @@
+"""Classes whose annotations say what their fields are: for help, schemas and documentation.
+
+``rms: Annotated[float, "Error of the power. [W]"]``. The unit stands in brackets at the end.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TypeVar, dataclass_transform
+
+from robot_energy.foundation.options import Option
+
+Class = TypeVar("Class", bound=type)
+
+
+def texts_of(kind: type) -> Iterator[tuple[str, str]]:
+    """Yield what the annotations of a class say of each name, in words."""
+    for name, annotation in inspect.get_annotations(kind, eval_str=True).items():
+        about = getattr(annotation, "__metadata__", ("",))[-1]
+        if isinstance(about, str | Option):
+            yield name, str(about)
+
+
+def documented(kind: Class) -> Class:
+    """Return a class, its docstring with what its annotations say."""
+    kind.__doc__ = inspect.cleandoc(kind.__doc__ or "") + section_of(kind)
+    return kind
+
+
+def section_of(kind: type) -> str:
+    """Return what the annotations of a class say, as the last section of its docstring."""
+    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
+    return f"\n\nAttributes:{lines}" if lines else ""
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+class Described:
+    """Base of frozen dataclasses, which need no decorator; their docstring has all fields."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(documented(cls))

@@ -1,0 +1,201 @@
+"""A fan of the cabinet, by the step in the power at rest when a robot warms up.
+
+The power r of rests, less that of the drives, at times t around the begin t_0 of one of them is
+
+    r = a + b (t - t_0) + P (t >= t_0)
+
+What warms up with the robot has a slope and no step. The rest at which P is most over its
+deviation is where the fan starts; it starts at the temperature that the warmest motor had reached
+by then. Levels of whole recordings do not count: warm windings and a payload move them as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from robot_energy.foundation.described import Described
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy.model.figure import Figure, PositiveFigure
+from robot_energy.model.schema import CabinetFan
+from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
+from robot_energy_identify.data.recordings import Recording
+
+SURE = 4.0  # deviations of a step
+MOST, LEAST = 48, 12  # rests on each side of a step
+AROUND = 6  # rests to each side, between which it may lie
+HYSTERESIS, HYSTERESIS_STD = 5.0, 2.0  # K; a warm-up does not show when the fan stops
+EXACT = 1e-6  # W: no step is known better
+WARM_UP = "a warm-up with pauses of a second, with motor temperatures and a meter at the grid"
+ROOT12 = 12.0**0.5
+
+
+class FanFit(Described):
+    """A fan that starts while a robot warms up."""
+
+    power: Annotated[float, "While it runs. [W]"]
+    std: Annotated[float, "[W]"]
+    on_above_degc: Annotated[float, "Temperature of the warmest motor at which it starts. [degC]"]
+    on_std: Annotated[float, "[K]"]
+    recordings: Annotated[int, "Number of recordings in which it starts."]
+    rests: Annotated[int, "Number of rests around these starts."]
+
+    def entry(self, source: str) -> CabinetFan:
+        """Return it for a model file.
+
+        Args:
+            source: Where the data come from.
+        """
+        on = Figure(value=self.on_above_degc, tag="identified", std=self.on_std, source=source)
+        stops = PositiveFigure(value=HYSTERESIS, tag="assumed", std=HYSTERESIS_STD)
+        power = identified(self.power, self.std, source)
+        return CabinetFan(power=power, on_above_degc=on, hysteresis=stops)
+
+
+def with_fan(
+    model: RobotModel, recordings: Sequence[Recording], source: str
+) -> tuple[RobotModel, FanFit | None, str]:
+    """Return a model with the fan that recordings show, the fan, and why there is none.
+
+    Args:
+        model: Any model of the same robot; without a step it keeps what it has.
+        source: Where the data come from.
+    """
+    try:
+        fan = find_fan(recordings)
+    except NotIdentifiableError as error:
+        return model, None, str(error)
+    cabinet = model.cabinet.model_copy(update={"fan": fan.entry(source)})
+    return model.changed(cabinet=cabinet), fan, ""
+
+
+@dataclass(frozen=True)
+class Rests:
+    """Rests of a recording, in the order of time.
+
+    Attributes:
+        time: Of their middle, shape (N,). [s]
+        power: Of the meter less that of the drives, shape (N,). [W]
+        warmest_degc: Highest that any motor had so far, shape (N,). [degC]
+    """
+
+    time: Float
+    power: Float
+    warmest_degc: Float
+
+    @property
+    def places(self) -> range:
+        """Rests with enough others on both sides."""
+        return range(LEAST, len(self.time) - LEAST + 1)
+
+    def step(self, first: int) -> PowerStep:
+        """Return the step of the power from the rest before one to that one.
+
+        Args:
+            first: Which one.
+        """
+        rows = slice(max(first - MOST, 0), first + MOST)
+        time, power = self.time[rows] - self.time[first], self.power[rows]
+        columns = np.column_stack([np.ones(len(time)), time, time >= 0.0])
+        found, _, _, _ = np.linalg.lstsq(columns, power, rcond=None)
+        rest = power - columns @ found
+        variance = float(rest @ rest) / (len(time) - columns.shape[1])
+        std = float(variance * np.linalg.inv(columns.T @ columns)[2, 2]) ** 0.5
+        return PowerStep(float(found[2]), max(std, EXACT), len(time))
+
+
+@dataclass(frozen=True)
+class PowerStep:
+    """A step of the power at rest.
+
+    Attributes:
+        power: After it less before it. [W]
+        std: [W]
+        rests: That show it.
+    """
+
+    power: float
+    std: float
+    rests: int
+
+    @property
+    def score(self) -> float:
+        """Its size in deviations."""
+        return self.power / self.std
+
+
+def find_fan(recordings: Sequence[Recording]) -> FanFit:
+    """Return the fan that a step in the power at rest shows.
+
+    Raises:
+        NotIdentifiableError: If there is no such step, or no fan explains it.
+    """
+    usable = [part for part in recordings if _usable(part)]
+    off = usable[0].sensors.std.thermometer if usable else 0.0
+    return fan_of([_rests(part) for part in usable], off)
+
+
+def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
+    """Return the fan that rests show, see `find_fan`.
+
+    Args:
+        thermometer: Deviation between those of two motors; another one may be warmest later. [K]
+    """
+    steps = [(part.step(first), part, first) for part in recordings for first in part.places]
+    if not steps:
+        raise NotIdentifiableError(
+            f"no recording has {2 * LEAST} rests with motor temperatures and a meter at the grid",
+            "rests before and after a fan starts",
+            f"record {WARM_UP}",
+        )
+    step, part, first = max(steps, key=lambda one: one[0].score)
+    degc = float(part.warmest_degc[first - 1 : first + 1].mean())
+    near = part.warmest_degc[max(first - AROUND, 0) : first + AROUND]
+    on_std = float(np.hypot(np.ptp(near) / ROOT12, thermometer))
+    same = [step]
+    for other in recordings:
+        place = int(np.searchsorted(other.warmest_degc, degc, side="right"))
+        if other is not part and place in other.places:
+            same.append(other.step(place))
+    weight = np.array([one.std**-2.0 for one in same])
+    power = float(weight @ [one.power for one in same] / weight.sum())
+    std = float(weight.sum() ** -0.5)
+    if power < SURE * std:
+        raise NotIdentifiableError(
+            f"no step of the power at rest is {SURE:g} deviations high, the greatest is "
+            f"{power:.1f} +- {std:.2g} W",
+            "a fan that starts while the robot warms up",
+            f"record {WARM_UP}",
+        )
+    without = [
+        replace(one, power=one.power - power * (one.warmest_degc > degc)) for one in recordings
+    ]
+    down = min((one.step(at) for one in without for at in one.places), key=lambda one: one.score)
+    if down.score < -SURE:
+        raise NotIdentifiableError(
+            f"the power at rest has a step of {power:.1f} W and one of {down.power:.1f} W while "
+            "the motors warm up",
+            "steps of a fan alone",
+            f"switch no other load in {WARM_UP}",
+        )
+    return FanFit(power, std, degc, on_std, len(same), sum(one.rests for one in same))
+
+
+def _usable(part: Recording) -> bool:
+    meter = part.meter
+    known = np.isfinite(part.power.motor_temperature_degc).any()
+    return meter is not None and meter.location is MeterLocation.GRID and bool(known)
+
+
+def _rests(part: Recording) -> Rests:
+    pieces, power = at_rest(part, holding(part))
+    so_far = np.fmax.accumulate(np.fmax.reduce(part.power.motor_temperature_degc, axis=1))
+    middle = 0.5 * NANOSECOND * (pieces.stamp_ns + pieces.end_ns)
+    own = [parted(pieces, values) for values in (middle, power, so_far[row_of(part, pieces)])]
+    return Rests(*(np.array([float(one.mean()) for one in values]) for values in own))

@@ -1,0 +1,94 @@
+"""A fan by its step in the power at rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import load
+from robot_energy_identify.api.identify import identify_cabinet
+from robot_energy_identify.cabinet.fan import Rests, fan_of
+from robot_energy_plan.motion import random_program
+from robot_energy_rig import RigConfig, VirtualRig, random_profile
+from robot_energy_rig.record import record
+
+SEED = 6
+COUNT, FIRST = 100, 60  # rests; the one before which the fan starts
+
+
+def rests(step, noise=0.0, seed=0, at=FIRST, slope=0.01):
+    """A rest every 4 s, 20 to 45 degC; windings that warm up add a slope."""
+    time = 4.0 * np.arange(COUNT)
+    power = 100.0 + slope * time + step * (np.arange(COUNT) >= at)
+    power += np.random.default_rng(seed).normal(0.0, noise, COUNT) if noise else 0.0
+    return Rests(time, power, 20.0 + 0.25 * np.arange(COUNT))
+
+
+def test_a_step_of_30_watts_is_a_fan_of_30_watts_from_the_temperature_before_it():
+    found = fan_of([rests(30.0)], 1.5)
+    assert found.power == pytest.approx(30.0, abs=1e-6)
+    assert found.on_above_degc == pytest.approx(20.0 + 0.25 * (FIRST - 0.5))
+    assert found.on_std == pytest.approx(np.hypot(0.25 * 11 / np.sqrt(12.0), 1.5))
+    assert found.recordings == 1
+    entry = found.entry("bag")
+    assert entry.power.tag == entry.on_above_degc.tag == "identified"
+    assert entry.hysteresis.tag == "assumed"
+
+
+def test_the_deviation_of_a_step_is_that_of_its_scatter():
+    """Over 400 draws the step is off by its deviation."""
+    draws = [rests(30.0, 8.0, seed).step(FIRST) for seed in range(400)]
+    scores = np.array([(one.power - 30.0) / one.std for one in draws])
+    assert scores.std() == pytest.approx(1.0, abs=0.1)
+    assert abs(scores.mean()) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("every", "why"),
+    [
+        ([rests(0.0, 8.0, slope=0.1)], "no step of the power at rest is 4 deviations high"),
+        ([rests(30.0, 8.0), rests(0.0, 0.8)], "no step of the power at rest is 4 deviations"),
+        ([rests(30.0, 2.0), rests(-20.0, 2.0, 1, 30)], "and one of -"),
+        ([rests(-30.0, 2.0)], "and one of -"),
+        ([], "no recording has 24 rests"),
+    ],
+)  # fmt: skip
+def test_what_is_no_fan_is_refused(every, why):
+    """A slope; a warm-up through the same temperature without a step; a load that stops."""
+    with pytest.raises(NotIdentifiableError, match=why):
+        fan_of(every, 1.5)
+
+
+def rig(*without):
+    """Eight minutes of a small robot that warms up by itself; the fan starts on the way."""
+    drawn = random_profile("ur10e", SEED)
+    profile = replace(
+        drawn, hard=replace(drawn.hard, fan_power=30.0, fan_on_degc=23.0, fan_off_degc=19.0)
+    )
+    limits = profile.motion_limits(profile.mechanics()[0])
+    program = random_program(limits, SEED, dwell=1.0)
+    config = RigConfig.hard().without(*without)
+    return VirtualRig(profile, program, config, SEED, 20.0, 20.0, rate_hz=50.0)
+
+
+def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
+    """The rig shares no code with the term; its thermometers lag behind the motors."""
+    model = load("ur10e")
+    bag = record(
+        rig(),
+        480.0,
+        tmp_path / "fan",
+    ).path
+    found = identify_cabinet(bag, model)
+    fan = found.model.cabinet.fan
+    assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
+    assert fan.on_above_degc.value == pytest.approx(23.0, abs=2.0 * fan.on_above_degc.std)
+    assert found.found.losses.fan.power == fan.power.value
+    bag = record(rig("fan"), 480.0, tmp_path / "none").path
+    without = identify_cabinet(bag, model)
+    assert without.model.cabinet.fan is None
+    assert "no step of the power at rest" in without.found.losses.fan_reason
+    constant = found.model.cabinet.loss_grid.value + found.model.cabinet.loss_dc.value
+    other = without.model.cabinet.loss_grid.value + without.model.cabinet.loss_dc.value
+    assert constant == pytest.approx(other, abs=3.0)
