@@ -141,7 +141,8 @@ class Hold(ModelEntry):
     std: Annotated[
         float,
         Field(ge=0),
-        "Standard deviation of the torque at one place, over static friction. [-]",
+        "Standard deviation of the torque at one place, over the Coulomb torque under the load. "
+        "[-]",
     ]
 
     @model_validator(mode="after")

@@ -127,7 +127,7 @@ class HoldTorque:
         Args:
             motor_torque: About which, shape (N, n). [N m]
         """
-        return self._std * self.static(motor_torque)
+        return self._std * self._friction.loaded_coulomb(motor_torque)
 
     def _less_carried(self, rigid: Float) -> Float:
         share = self.carried * np.sign(rigid)

@@ -1,10 +1,11 @@
 """What motors hold at rest in addition to the load, from measured torque (`physics.hold_torque`).
 
-Each rest of a joint gives one equation, ``(tau - tau_r) / fs = kept d - carried c + e`` with
-``c = sgn(tau_r) min(1, |tau_r| / fs)``, the Coulomb torque fs under the load and the direction d of
-the motion before. The errors e of
-the bodies differ by joint, so joints are weighted by what they leave. Both stay 0 unless they
-predict rests that the fit has not seen better than the load alone.
+Each rest of a joint gives one equation, ``(tau - tau_r) / fc = static kept d - carried c + e`` with
+``c = sgn(tau_r) min(static, |tau_r| / fc)``, the Coulomb torque fc under the load, the static
+friction over it, one for each joint, and the direction d of the motion before. The errors e of the
+bodies differ by joint, so joints are weighted by what they leave. Shares stay 0 unless they predict
+rests that the fit has not seen better than the load alone, and ``static`` stays 1 unless it
+predicts them better than the shares.
 """
 
 from __future__ import annotations
@@ -185,8 +186,9 @@ def _rests(recordings: Sequence[Recording], model: RobotModel) -> _Rests:
                 excess = float((measured[rows, joint] - rigid[rows, joint]).mean()) / torque
                 own.append((begin, joint, moved, load, excess))
         parts += [row[1:] for row in sorted(own)]
-    columns = np.array(parts).reshape(-1, 4).T
-    return _Rests(columns[0].astype(np.int64), *columns[1:], len(model.joints))
+    joint, *others = np.array(parts).reshape(-1, 4).T
+    direction, load, excess = others
+    return _Rests(joint.astype(np.int64), direction, load, excess, len(model.joints))
 
 
 def _stretches(stands: np.ndarray) -> list[tuple[int, int]]:
