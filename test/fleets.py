@@ -9,8 +9,7 @@ import polars as pl
 import pytest
 
 from robot_energy_fleet.dataset import Dataset, RowKey, row_bytes
-from robot_energy_fleet.dataset_columns import TABLES
-from robot_energy_fleet.tables import FleetTables
+from robot_energy_fleet.tables import TABLES, FleetTables
 from robot_energy_rig import virtual_rig
 from robot_energy_studies import generated_fleet
 from robot_energy_studies.fleet_study import fleet_tables

@@ -36,8 +36,8 @@ from ros2_energy_monitor.base.node_parameters import (
 )
 from ros2_energy_monitor.base.parameter_files import files_without_section, sections
 from ros2_energy_monitor.base.parameters import declare
-from ros2_energy_monitor.exporters.parameters import exporter_parameters
-from ros2_energy_monitor.meters.parameters import MeterDriverParameters
+from ros2_energy_monitor.exporters.kinds import exporter_parameters
+from ros2_energy_monitor.meters.kinds import MeterDriverParameters
 from ros2_energy_monitor.recorder.parameters import RecorderParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ReportError
+from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import (
     CSV,
     PARQUET,
@@ -18,9 +18,6 @@ from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import Command, add_option
 from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_given
 from robot_energy_cli.terminal import console, progress, wrote
-
-if TYPE_CHECKING:
-    pass
 
 WHAT = "the table"
 KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
@@ -56,7 +53,7 @@ def _run(args: Namespace) -> int:
     inputs = [name for name in (args.bag, model, args.inputs) if name]
     check_file(args.out, KINDS[suffix], WHAT, inputs)
     if suffix == ".parquet":
-        _require_polars()
+        require("polars", "Parquet")
     keep_freed_memory()
     with progress("replaying") as report:
         result = replay(
@@ -74,17 +71,6 @@ def _run(args: Namespace) -> int:
         out.print(sentence)
     wrote(out, args.out, f"{len(result.power)} rows")
     return DAMAGED if result.replay.problems else 0
-
-
-def _require_polars() -> None:
-    from importlib.util import find_spec
-
-    if find_spec("polars") is None:
-        raise ReportError(
-            "Parquet needs the library polars, which is not installed",
-            "polars, or a name with .csv",
-            "install it: pip install polars",
-        )
 
 
 COMMAND = Command(

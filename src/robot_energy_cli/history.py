@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import time
 from argparse import Namespace
-from collections.abc import Callable
 from datetime import date, datetime, timedelta
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from zoneinfo import ZoneInfo
@@ -125,11 +123,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
             Column("observed", "observed_ns", lambda value: f"{value / HOUR:.2f}", "h"),
             *money,
         ]
-        page.rows(
-            "Energy by robot",
-            [Column(c.name, _of(c.value), c.form, c.unit) for c in columns],
-            rows,
-        )
+        page.rows("Energy by robot", columns, rows)
     if found.currency and rows and resolution == "all":
         _standby(page, rows, found.currency)
         _shifts(args, page, start, stop, names, found.currency)
@@ -138,11 +132,11 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
         ended = rows_of(history_jobs(*asked, "all", names, args.timezone))
         if ended:
             columns = [
-                Column("job", itemgetter("job")),
-                Column("robot", itemgetter("robot")),
-                Column("parts", itemgetter("parts")),
-                Column("energy", itemgetter("predicted_import_microjoule"), _kwh, "kWh"),
-                Column("of each", itemgetter("microjoule_per_part"), _kwh, "kWh"),
+                Column("job", "job"),
+                Column("robot", "robot"),
+                Column("parts", "parts"),
+                Column("energy", "predicted_import_microjoule", _kwh, "kWh"),
+                Column("of each", "microjoule_per_part", _kwh, "kWh"),
             ]
             page.rows("Jobs that ended", columns, ended)
     if args.start:
@@ -151,9 +145,9 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
         if known:
             columns = [
                 Column("when", lambda row: local(row["stamp_ns"])),
-                Column("robot", itemgetter("robot")),
-                Column("what", itemgetter("kind")),
-                Column("in words", itemgetter("text")),
+                Column("robot", "robot"),
+                Column("what", "kind"),
+                Column("in words", "text"),
             ]
             page.rows(f"Events, the last {MAX_EVENTS} at most", columns, known[-MAX_EVENTS:])
     spans = found.not_resolved
@@ -181,9 +175,9 @@ def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: l
         return
     columns = [
         Column("month", lambda row: f"{local_time(row['stamp_ns'], zone):%Y-%m}"),
-        *(Column(name, itemgetter(name)) for name in ("robot", "joint")),
-        Column("over the model file", itemgetter("ratio"), fixed(3)),
-        Column("days", itemgetter("days")),
+        *(Column(name, name) for name in ("robot", "joint")),
+        Column("over the model file", "ratio", fixed(3)),
+        Column("days", "days"),
         Column("model file", lambda row: row["model_id"][:8]),
     ]
     page.rows("Learned friction", columns, found)
@@ -197,12 +191,12 @@ def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
     idle = [row for row in rows if any(row[f"standby_{rest}_microjoule"] for rest in RESTS)]
     if not idle:
         return
-    columns = [Column("robot", itemgetter("robot"))]
+    columns = [Column("robot", "robot")]
     for rest in RESTS:
-        energy, money = (itemgetter(f"standby_{rest}_{end}") for end in ("microjoule", "cost"))
+        place = f"at {rest}" if rest == "night" else f"at the {rest}"
         columns += [
-            Column(f"at {rest}" if rest == "night" else f"at the {rest}", energy, _kwh, "kWh"),
-            Column("cost", money, fixed(2), currency),
+            Column(place, f"standby_{rest}_microjoule", _kwh, "kWh"),
+            Column("cost", f"standby_{rest}_cost", fixed(2), currency),
         ]
     page.rows("Standby while nobody worked", columns, idle)
 
@@ -220,11 +214,11 @@ def _shifts(
         return
     found = history(_folder(args), start, stop, "all", names, args.timezone, by_shift=True)
     columns = [
-        Column("shift from", itemgetter("shift")),
-        Column("robot", itemgetter("robot")),
-        Column("from the grid", itemgetter("predicted_import_microjoule"), _kwh, "kWh"),
-        Column("standby", itemgetter("standby_microjoule"), _kwh, "kWh"),
-        Column("cost", itemgetter("cost"), fixed(2), currency),
+        Column("shift from", "shift"),
+        Column("robot", "robot"),
+        Column("from the grid", "predicted_import_microjoule", _kwh, "kWh"),
+        Column("standby", "standby_microjoule", _kwh, "kWh"),
+        Column("cost", "cost", fixed(2), currency),
     ]
     page.rows("Energy by shift", columns, rows_of(found))
 
@@ -254,9 +248,9 @@ def _savings(args: Namespace) -> int:
     page.rows(
         f"Baseline of {model.days} days, CV(RMSE) {model.cv_rmse:.1%}",
         [
-            Column("explained by", itemgetter(0)),
-            Column("kWh of each", itemgetter(1), fixed(4)),
-            Column("+-", itemgetter(2), fixed(4)),
+            Column("explained by", 0),
+            Column("kWh of each", 1, fixed(4)),
+            Column("+-", 2, fixed(4)),
         ],
         list(zip(model.names, model.values, model.std * model.half_width(0.9), strict=True)),
     )
@@ -266,8 +260,8 @@ def _savings(args: Namespace) -> int:
         "Saved up to the end of each seventh day",
         [
             Column("day", lambda row: f"{local_time(row['stamp_ns'], zone):%F}"),
-            Column("saved", itemgetter("saved"), fixed(3), "kWh"),
-            Column("+-", itemgetter("band"), fixed(3), "kWh"),
+            Column("saved", "saved", fixed(3), "kWh"),
+            Column("+-", "band", fixed(3), "kWh"),
         ],
         weekly,
     )
@@ -300,10 +294,6 @@ def _further(path: str | None) -> dict[str, dict[date, float]]:
             f"{path} cannot be read ({error})", "CSV: date,ambient and rows such as 2026-03-01,21.5"
         ) from error
     return found
-
-
-def _of(value: str | Callable[[Any], Any]) -> Callable[[Any], Any]:
-    return itemgetter(value) if isinstance(value, str) else value
 
 
 def _check(args: Namespace) -> int:

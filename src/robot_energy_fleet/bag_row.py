@@ -35,8 +35,8 @@ from robot_energy_fleet.bag_list import FleetBag
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.dataset_columns import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_fleet.joint_sums import JointSums
+from robot_energy_fleet.tables import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_history.bags import BagReadings
 from robot_energy_history.readings import Reading, ReadingDecoder
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.accounting.sample_counts import MIN_STANDBY
+from robot_energy.accounting.exact_sum import MIN_STANDBY
 from robot_energy.foundation.units import HOUR_NS, SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest

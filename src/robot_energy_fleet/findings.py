@@ -1,25 +1,85 @@
-"""Which robots of a fleet need somebody to look, why, and how sure that is."""
+"""Which robots of a fleet need somebody to look, why, and how sure that is.
+
+In the test for wear over the bags of a robot, a bag stands for the time around it: its hours of
+motion are the hours since the first bag times the share of motion in the bags. Bags differ by more
+than their own scatter, as gears are warmer or colder than their motors say. How much, the
+differences of neighbours in time show, which a change of friction hardly touches; it is added to
+the variance of every record.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import exp, expm1
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from robot_energy.certainty.band import MEDIAN_TO_STD
 from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
+from robot_energy.condition.drift import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear import REMEDY, WearAlarm
+from robot_energy.condition.wear_records import WearRecord
 from robot_energy.foundation.time_zone import local_time
-from robot_energy.foundation.units import DAY_NS
+from robot_energy.foundation.units import DAY_NS, HOUR_NS
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.bag_joints import BagJoints, wear_records
 from robot_energy_fleet.results.fleet import FleetFinding
 from robot_energy_fleet.sisters import MIN_SISTERS, Deviation, Levels, levels, stand_out
 from robot_energy_fleet.tables import FleetTables
-from robot_energy_fleet.wear_history import is_enough, wear_history
+
+MIN_RECORDS = MIN_BEFORE + MIN_AFTER  # without which no change is seen
+MIN_HOURS = BAGS.min_hours  # of motion that they span, likewise [h]
+MAX_KEPT = 48  # records of a joint; more are merged, neighbour with neighbour
+
+
+def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
+    """Return the test of one joint of one robot, after all records.
+
+    Args:
+        duty: Share of motion in the time of the bags. [-]
+    """
+    test = DriftTest(BAGS)
+    if not records:
+        return test
+    first_ns = records[0].stamp_ns
+    dated = [
+        record._replace(hours=(record.stamp_ns - first_ns) / HOUR_NS * duty) for record in records
+    ]
+    merged = _merged(dated)
+    between = _between(merged)
+    test.take([record._replace(variance=record.variance + between) for record in merged])
+    return test
+
+
+def is_enough(test: DriftTest) -> bool:
+    """Return whether a change could be seen."""
+    return len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS
+
+
+def _merged(records: list[WearRecord]) -> list[WearRecord]:
+    groups = min(len(records), MAX_KEPT)
+    edges = [number * len(records) // groups for number in range(groups + 1)]
+    found: list[WearRecord] = []
+    for first, last in pairwise(edges):
+        one = records[first]
+        for later in records[first + 1 : last]:
+            one = one.merged(later)
+        found.append(one)
+    return found
+
+
+def _between(records: list[WearRecord]) -> float:
+    """Variance between neighbours beyond that of their own scatter."""
+    if len(records) < 3:
+        return 0.0
+    steps = np.abs(np.diff([record.excess for record in records]))
+    variance = (MEDIAN_TO_STD * float(np.median(steps))) ** 2 / 2.0
+    return max(variance - float(np.median([record.variance for record in records])), 0.0)
+
 
 RECENT = 0.25  # share of the time, at its end, for which robots are compared
 MIN_FRICTION = 0.10  # difference of friction that is worth a look [-]

@@ -15,7 +15,7 @@ from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
-from robot_energy_fleet.findings import compare, ordered
+from robot_energy_fleet.findings import MIN_HOURS, MIN_RECORDS, compare, ordered
 from robot_energy_fleet.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -29,7 +29,6 @@ from robot_energy_fleet.results.fleet import (
 )
 from robot_energy_fleet.sisters import MIN_BAGS, MIN_SISTERS, Levels
 from robot_energy_fleet.tables import FleetTables, counted_twice
-from robot_energy_fleet.wear_history import MIN_HOURS, MIN_RECORDS
 from robot_energy_report.formats import counted, jobs_left_out
 from robot_energy_report.page.settings import PageSettings
 

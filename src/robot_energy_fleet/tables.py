@@ -1,13 +1,15 @@
-"""The tables that reports of a fleet are made from."""
+"""The tables that reports of a fleet are made from, and the columns of a dataset."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import polars as pl
 
+from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.timeline.blocks import Phase
 from robot_energy_report.repeats import overlaps
 
 FLOATS = pl.List(pl.Float64)
@@ -100,3 +102,124 @@ def counted_twice(runs: pl.DataFrame) -> list[str]:
         for one in bags
         for note in overlaps(one["bag"].to_list(), list(one.select("start_ns", "end_ns").rows()))
     ]
+
+
+INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
+JOINT_ENERGIES = (*JOINT_REGISTERS, *(f"shaft_{name}" for name in SHAFT_REGISTERS))
+
+
+class TableColumn(NamedTuple):
+    """One column."""
+
+    kind: pl.DataType
+    unit: str
+    text: str
+
+
+Columns = dict[str, TableColumn]
+
+
+def _integers(names: Iterable[str], ending: str, unit: str, text: str) -> Columns:
+    return {f"{n}_{ending}": TableColumn(INTEGER, unit, text.format(n)) for n in names}
+
+
+_PHASES = tuple(phase.name.lower() for phase in Phase)
+
+RUNS: Columns = {
+    "name": TableColumn(TEXT, "", "hashes of the bag's address, of its state, of the settings"),
+    "key": TableColumn(TEXT, "", "hash of bag, model, options and version; unique once read"),
+    "bag": TableColumn(TEXT, "", "address of the bag"),
+    "bag_hash": TableColumn(TEXT, "", "SHA-256 of its files with messages; null if unreadable"),
+    "robot": TableColumn(TEXT, "", "name of the robot in the fleet"),
+    "date": TableColumn(TEXT, "", "UTC day of the first sample"),
+    "programme": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
+    "shift": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
+    "model_id": TableColumn(TEXT, "", "of the model used"),
+    "settings": TableColumn(TEXT, "", "options of the replay, JSON"),
+    "tool_version": TableColumn(TEXT, "", "that made the row"),
+    "reason": TableColumn(TEXT, "", "why the bag could not be used: what was found; else empty"),
+    "expected": TableColumn(TEXT, "", "what was expected instead"),
+    "remedy": TableColumn(TEXT, "", "what can be done"),
+    "problems": TableColumn(pl.List(TEXT), "", "what was wrong with a bag that was used"),
+    "start_ns": TableColumn(INTEGER, "ns since 1970", "first sample"),
+    "end_ns": TableColumn(INTEGER, "ns since 1970", "last sample"),
+    "observed_ns": TableColumn(INTEGER, "ns", "time predicted"),
+    "gap_ns": TableColumn(INTEGER, "ns", "time not predicted"),
+    "gap_count": TableColumn(INTEGER, "", "gaps"),
+    "jumps": TableColumn(INTEGER, "", "jumps of the stamps"),
+    **_integers(CABINET_REGISTERS, "microjoule", "uJ", "register {}"),
+    **_integers(_PHASES, "ns", "ns", "time in phase {}"),
+    **_integers((f"{n}_import" for n in _PHASES), "microjoule", "uJ", "from the grid, phase {}"),
+    "meter_location": TableColumn(TEXT, "", "grid or dc_bus; null without a meter"),
+    "compared_ns": TableColumn(INTEGER, "ns", "time that meter and prediction cover"),
+    "measured_microjoule": TableColumn(INTEGER, "uJ", "measured over that time"),
+    "predicted_at_meter_microjoule": TableColumn(INTEGER, "uJ", "predicted over that time"),
+    "power_error_rms": TableColumn(FLOAT, "W", "predicted minus measured, reading by reading"),
+    "measured_power_rms": TableColumn(FLOAT, "W", "of the measured power"),
+    "energy_std": TableColumn(FLOAT, "J", "standard deviation of the predicted net energy"),
+    "energy_lower": TableColumn(FLOAT, "J", "lower end of its 90 % band"),
+    "energy_upper": TableColumn(FLOAT, "J", "upper end of its 90 % band"),
+    "band": TableColumn(TEXT, "", "parametric, or calibrated by the meter"),
+    "payload_mass": TableColumn(FLOAT, "kg", "that the model carried at the end"),
+    "motor_temperature_degc": TableColumn(FLOAT, "degC", "mean over joints in motion"),
+    "jobs_left_out": TableColumn(INTEGER, "", "jobs of which the bag holds a part only"),
+    "samples": TableColumn(INTEGER, "", "joint states that gave a power"),
+    "quality": TableColumn(
+        pl.List(pl.Struct({"name": TEXT, "count": INTEGER})), "", "samples by quality bit"
+    ),
+    "rejected": TableColumn(
+        pl.List(pl.Struct({"input": TEXT, "reason": TEXT, "count": INTEGER})),
+        "",
+        "messages and values refused, by input and reason",
+    ),
+}
+JOBS: Columns = {
+    "name": TableColumn(TEXT, "", "of the job"),
+    **{name: RUNS[name] for name in (
+        "start_ns", "end_ns", "observed_ns", "gap_ns",
+        *(f"{name}_microjoule" for name in CABINET_REGISTERS),
+        "compared_ns", "measured_microjoule", "predicted_at_meter_microjoule",
+    )},
+    "energy_band": TableColumn(FLOAT, "J", "half width of the 90 % band of the net energy"),
+    "peak_grid_power": TableColumn(FLOAT, "W", "highest predicted"),
+}  # fmt: skip
+_HOURS = {"hour_ns": ("ns since 1970", "begin of the UTC hour"), "observed_time": ("s", "in it"),
+          "motion_time": ("s", "not at rest"), "grid_energy": ("J", "from the grid"),
+          "standby_time": ("s", "at rest for 60 s or more, drives on"),
+          "standby_energy": ("J", "from the grid in standby")}  # fmt: skip
+_SUMS = {"joint": ("", "name"), "friction_rows": ("", "samples behind friction_sums"),
+         "motion_time": ("s", "of these samples"), "motor_temperature_degc": ("degC", "mean"),
+         "friction_sums": ("SI", "sums of products, upper triangle: see joint_sums.py"),
+         "wear_stamp_ns": ("ns since 1970", "of the records of the wear alarm"),
+         "wear_hours": ("h", "time that they cover"), "wear_time": ("s", "in motion"),
+         "wear_excess": ("-", "excess of friction over the model"),
+         "wear_variance": ("-", "of it"), "wear_features": ("-", "what it was at")}  # fmt: skip
+
+
+def _described(table: str, texts: Mapping[str, tuple[str, str]]) -> Columns:
+    """Columns that come as `tables` has them."""
+    kinds = pl.Schema(SCHEMAS[table])
+    own = {name: kind for name, kind in kinds.items() if name not in ("key", "robot")}
+    return {name: TableColumn(kind, *texts.get(name, ("", ""))) for name, kind in own.items()}
+
+
+HOURS = _described("hours", _HOURS)
+JOINTS = _described("joints", _SUMS) | _integers(JOINT_ENERGIES, "microjoule", "uJ", "register {}")
+METER_ERRORS: Columns = {
+    "degc": TableColumn(FLOAT, "degC", "middle of the bin of the mean motor temperature"),
+    "compared_ns": TableColumn(INTEGER, "ns", "time compared"),
+    "measured": TableColumn(FLOAT, "J", "measured energy"),
+    "error": TableColumn(FLOAT, "J", "predicted minus measured"),
+    "error_squares": TableColumn(FLOAT, "W2 s", "sum of squared power error times time"),
+}
+TABLES: dict[str, Columns] = {
+    "jobs": JOBS, "hours": HOURS, "joints": JOINTS, "meter_errors": METER_ERRORS
+}  # fmt: skip
+"""Lists in a row, each with rows of its own."""
+SCHEMA = pl.Schema(
+    {name: column.kind for name, column in RUNS.items()}
+    | {
+        name: pl.List(pl.Struct({key: column.kind for key, column in columns.items()}))
+        for name, columns in TABLES.items()
+    }
+)

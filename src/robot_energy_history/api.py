@@ -20,7 +20,6 @@ from robot_energy_history.spans import (
     edges,
     events,
     jobs,
-    joint_sums,
     learned_friction,
     not_resolved,
     robots_of,
@@ -102,7 +101,7 @@ def history(
     with reader(folder) as connection:
         known = robots_of(connection, robots)
         if by_joint:
-            return _history(joint_sums(connection, known, bounds))
+            return _history(sums(connection, known, bounds, table="joint"))
         if resolution == "minute":
             spans = not_resolved(connection, known, bounds, minutes=True)
             return _history(sums(connection, known, bounds, minutes=True), spans)
@@ -127,13 +126,7 @@ def history_jobs(
 ) -> TimeSeries:
     """Return the jobs that ended in each part of the time: parts, energy, energy per part.
 
-    Args:
-        folder: Folder of the history.
-        start: As of `history`.
-        stop: As of `history`.
-        resolution: As of `history`.
-        robots: As of `history`.
-        timezone: As of `history`.
+    Arguments as in `history`.
 
     Returns:
         A row of each part of the time, robot and name: ``parts``, how many jobs ended,
@@ -172,12 +165,7 @@ def history_events(
 ) -> TimeSeries:
     """Return what happened to robots and their registers: alarms, resets, restarts, meter changes.
 
-    Args:
-        folder: Folder of the history.
-        start: As of `history`.
-        stop: As of `history`.
-        robots: As of `history`.
-        timezone: As of `history`.
+    Arguments as in `history`.
 
     Returns:
         A row of each event, in order of time: ``robot``, ``kind`` and ``text``.
@@ -201,13 +189,7 @@ def history_friction(
 ) -> TimeSeries:
     """Return what monitors have learned of the friction of each joint: wear over months.
 
-    Args:
-        folder: Folder of the history.
-        start: As of `history`.
-        stop: As of `history`.
-        resolution: As of `history`; one ratio is kept of each UTC day, the newest.
-        robots: As of `history`.
-        timezone: As of `history`.
+    Arguments as in `history`; one ratio is kept of each UTC day, the newest.
 
     Returns:
         A row of each part of the time, robot, joint and model file: ``stop_ns`` [ns], ``robot``,

@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 
 from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.differences import CountedSpan, Epoch, Event
-from robot_energy_history.friction import LearnedFriction
-from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS, Reading
+from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS, LearnedFriction, Reading
 from robot_energy_history.schema import LEVELS
 
 T = TypeVar("T")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import date, datetime, timedelta
+from datetime import date, timedelta
 from itertools import pairwise
 from operator import add
 from typing import Any, Literal
@@ -82,7 +82,7 @@ def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -
         return [start_ns, stop_ns]
     if resolution in FIXED:
         length = FIXED[resolution]
-        offset = _local(start_ns, zone).utcoffset() or timedelta()
+        offset = local_time(start_ns, zone).utcoffset() or timedelta()
         shift = int(offset.total_seconds()) * SECOND_NS % length
         first = (start_ns + shift) // length * length - shift
         if (stop_ns - first) // length >= MAX_BUCKETS:
@@ -91,7 +91,7 @@ def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -
                 f"at most {MAX_BUCKETS}", "a shorter time, or a coarser resolution",
             )  # fmt: skip
         return [*range(first, stop_ns, length), -(-(stop_ns - first) // length) * length + first]
-    day = _first(_local(start_ns, zone).date(), resolution)
+    day = _first(local_time(start_ns, zone).date(), resolution)
     found = [day_begin(day, zone)]
     while found[-1] < stop_ns:
         day = _next(day, resolution)
@@ -116,29 +116,17 @@ def robots_of(connection: sqlite3.Connection, names: Sequence[str] = ()) -> dict
 
 def sums(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], *,
-    minutes: bool = False,
+    table: Literal["slot", "joint"] = "slot", minutes: bool = False,
 ) -> TimeSeries:  # fmt: skip
     """Return the sums of all slots that lie within each part, in order of time and robot.
 
+    They are of the days, hours and quarters that it is made of, and of spans within it.
+
     Args:
         bounds: Where parts begin, and the end of the last. [ns]
+        table: ``joint`` for the sums of every joint, by `JOINT_COLUMNS`.
         minutes: Whether minutes are summed, which are kept for some weeks, or quarter hours.
     """
-    return _added(connection, robots, bounds, "slot", minutes)
-
-
-def joint_sums(
-    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
-) -> TimeSeries:
-    """Return the same of every joint; the sums of a joint are by `JOINT_COLUMNS`."""
-    return _added(connection, robots, bounds, "joint", minutes=False)
-
-
-def _added(
-    connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], table: str,
-    minutes: bool,
-) -> TimeSeries:  # fmt: skip
-    """Add up days, hours and quarters that each part is made of, and spans that lie within it."""
     _put_pieces(connection, robots, list(pairwise(bounds)), minutes)
     by_joint = table == "joint"
     by, values = (", s.joint", JOINT_SUMS) if by_joint else ("", f"{SUMS}, {PEAK}, {FLAGS}")
@@ -355,10 +343,6 @@ def put_parts(connection: sqlite3.Connection, robots: dict[str, int], parts: Any
     connection.executemany(
         "INSERT INTO temp.some VALUES (?, ?)", ((number, name) for name, number in robots.items())
     )
-
-
-def _local(stamp_ns: int, zone: ZoneInfo) -> datetime:
-    return local_time(stamp_ns, zone)
 
 
 def _first(day: date, resolution: Resolution) -> date:

@@ -34,9 +34,8 @@ from robot_energy_history.differences import (
     thinned,
 )
 from robot_energy_history.files import open_writer, take_lock, unusable
-from robot_energy_history.friction import LearnedFriction
 from robot_energy_history.notes import WaitingNotes
-from robot_energy_history.readings import OBSERVED, Reading
+from robot_energy_history.readings import OBSERVED, LearnedFriction, Reading
 from robot_energy_history.rollup import Rolled, forget_minutes, put_span, roll, thin
 from robot_energy_history.rows import attempt, put_epoch, put_events, reading_from
 from robot_energy_history.schema import FILE, prepare
@@ -89,7 +88,6 @@ class HistoryStore:
         commits: Transactions that were written.
         size: Of the file and its journal, at the last write. [bytes]
         trouble: Why nothing is written now; empty while it is.
-        notices: What was done to the file, to be said once.
     """
 
     def __init__(
@@ -99,7 +97,6 @@ class HistoryStore:
         self._keep_quarters_ns = int(keep_quarters * DAY_NS)
         self.ignored = self.refused = self.dropped = self.commits = self.size = 0
         self.trouble = ""
-        self.notices: list[str] = []
         self._lock: int | None = None
         self._connection: sqlite3.Connection | None = None
         self._robots: dict[str, _Robot] = {}

@@ -239,22 +239,18 @@ class _Calendar:
     ) -> NDArray[np.int64]:
         """Numbers of uses of the quarter hours of a local day."""
         local = local_time(first, zone)
-        key, ordinary = (number, local.weekday()), following - first == DAY_NS
-        if ordinary and key in self._weekdays:
-            return self._weekdays[key]
-        found = np.zeros((following - first) // SLOT_NS, np.int64)
-        if ordinary:
+        if following - first != DAY_NS:
+            clocks = (local_time(begin, zone) for begin in range(first, following, SLOT_NS))
+            return np.array([self._number(tariff, clock) for clock in clocks], np.int64)
+        key = number, local.weekday()
+        if key not in self._weekdays:
+            found = self._weekdays[key] = np.zeros(DAY_MINUTES // QUARTER, np.int64)
             midnight = MONDAY + timedelta(days=local.weekday())
             edges = sorted({0, DAY_MINUTES, *map(minute_of, tariff.clocks)})
             for begin, end in pairwise(edges):
-                number = self._number(tariff, midnight + timedelta(minutes=begin))
-                found[begin // QUARTER : end // QUARTER] = number
-        for place in () if ordinary else range(len(found)):
-            clock = local_time(first + place * SLOT_NS, zone)
-            found[place] = self._number(tariff, clock)
-        if ordinary:
-            self._weekdays[key] = found
-        return found
+                use = self._number(tariff, midnight + timedelta(minutes=begin))
+                found[begin // QUARTER : end // QUARTER] = use
+        return self._weekdays[key]
 
     def _number(self, tariff: Tariff, local: datetime) -> int:
         use = QuarterUse(

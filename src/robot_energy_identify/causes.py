@@ -59,7 +59,7 @@ def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
 
 def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
     """Return the few samples of a recording that the checks of its torque need."""
-    return _evidence_of(recording, effort).thinned(without_power=True)
+    return _evidence_of(recording, effort).thinned()
 
 
 def evidence_of_rows(result: Dynamics) -> Evidence:

@@ -46,7 +46,9 @@ from robot_energy_identify.steps import (
     Subject,
     cabinet_step,
     capacitor_step,
+    constants_step,
     drives_step,
+    fan_refused,
     friction_step,
 )
 
@@ -152,6 +154,11 @@ def identify_everything(
             }
             try:
                 step = make[subject](bags, now, source)
+                before = steps[-1].found if steps else None
+                if isinstance(before, CabinetFit) and before.fan is not None:
+                    if reason := fan_refused(step):
+                        steps[-1] = constants_step(bags, base, source, reason)
+                        step = make[subject](bags, steps[-1].model, source)
             except (NotIdentifiableError, ImplausibleIdentificationError) as error:
                 if strict and isinstance(error, ImplausibleIdentificationError):
                     raise

@@ -376,8 +376,17 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
     return Step("friction", found, "", found.write(model, source), notes)
 
 
-def _cabinet(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
-    model, fan, reason = with_fan(model, read_all(bags, model), source)
+def constants_step(
+    bags: Sequence[Bag], model: RobotModel, source: str, without_fan: str = ""
+) -> Step:
+    """Return the constants of the cabinet and its fan; arguments as in `drives_step`.
+
+    Args:
+        without_fan: Why no fan is looked for; empty if one is.
+    """
+    fan, reason = None, without_fan
+    if not without_fan:
+        model, fan, reason = with_fan(model, read_all(bags, model), source)
     recordings, powers = powers_of(bags, model)
     rest = None
     if any(power is not None for power in powers):
@@ -442,6 +451,21 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     return Step("drives", found, "", written, tuple(notes))
 
 
+def fan_refused(drives: Step) -> str:
+    """Return why the fan that was taken off the readings is not taken; empty if it is."""
+    total = drives.found.total if isinstance(drives.found, DrivesFound) else None
+    if total is None or total.without_fan is None:
+        return ""
+    new, old = total.scores.get("identified"), total.without_fan
+    if new is None or new.beats(old):
+        return ""
+    return (
+        f"with a fan held-out readings are predicted no better (energy "
+        f"{100 * new.energy_error:.1f} % off and {new.rms:.3g} W RMS; without "
+        f"{100 * old.energy_error:.1f} % and {old.rms:.3g} W)"
+    )
+
+
 def _not_better(total: TotalFound) -> str:
     """Why losses from one meter are not taken; empty if they are better than the model's own."""
     given, new = total.scores.get("given"), total.scores.get("identified")
@@ -494,7 +518,7 @@ MadeStep = Callable[[Sequence[Bag], RobotModel, str], Step]
 STEPS: dict[Subject, MadeStep] = {
     "dynamics": _dynamics,
     "friction": friction_step,
-    "cabinet": _cabinet,
+    "cabinet": constants_step,
     "drives": drives_step,
     "capacitor": capacitor_step,
     "thermal": _thermal,

@@ -41,6 +41,7 @@ from robot_energy_logs.recording import (
 )
 from robot_energy_logs.rows import Clock, side_by_side, usable_rows
 from robot_energy_logs.table import LogTable
+from robot_energy_logs.text_table import TextForm
 
 
 class MappedLog:
@@ -71,12 +72,9 @@ class MappedLog:
         for key, group in mapping.joints.quantities():
             file = folder / group.file.replace(PLACE, recording) if group.file else main
             owner = mapping if file == main and group.column_names is None else group
-            if group.files_of_joints:
-                for joint_key in joint_keys:
-                    own = file.with_name(file.name.replace(PLACEHOLDER, joint_key))
-                    self._add(key, own, owner.column_names, group, [joint_key])
-            else:
-                self._add(key, file, owner.column_names, group, joint_keys)
+            for keys in [[one] for one in joint_keys] if group.files_of_joints else [joint_keys]:
+                own = file.with_name(file.name.replace(PLACEHOLDER, keys[0]))
+                self._add(key, own, owner.column_names, group, keys)
         for key, (column, _) in (mapping.power.factors() if mapping.power else {}).items():
             if not optional or column in self.tables[main].columns:
                 self._take(f"power.{key}", main, [column])
@@ -97,21 +95,13 @@ class MappedLog:
         file: Path,
         names: Sequence[str] | None,
         group: Columns[Any],
-        joint_keys: Sequence[str],
+        joint_keys: list[str],
     ) -> None:
         if file not in self.tables:
-            form = self._mapping
-            self.tables[file] = LogTable(
-                file,
-                form.delimiter,
-                names,
-                form.decimal,
-                form.encoding,
-                form.comment,
-                form.skip_rows,
-            )
+            form = self._mapping.model_dump(include={*TextForm.__annotations__})
+            self.tables[file] = LogTable(file, names, **form)
         table = self.tables[file]
-        columns = group.names(list(joint_keys))
+        columns = group.names(joint_keys)
         if columns is None:
             columns = list(table.columns[: len(joint_keys)])
             if len(columns) < len(joint_keys):

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import polars as pl
@@ -25,6 +26,7 @@ from robot_energy_logs.text_table import (
     MAX_RATIO,
     MIN_UNPACKED,
     Cells,
+    TextForm,
     TextTable,
 )
 
@@ -50,11 +52,8 @@ class LogTable:
     """One file: CSV, plain or gzip, or Parquet; which one, its first bytes say.
 
     Args:
-        delimiter: Between cells of a text; None: the likeliest in its first line, spaces only
-            where there is no other.
-        encoding: Of a text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
-        comment: What lines of a text begin with that are left out; None: ``#``.
-        skip_rows: Lines of a text before its header, or its rows, that are left out.
+        column_names: Of a text without a header.
+        **text: How a text is written.
 
     Attributes:
         units: Of the columns, in the words of the file, as far as it says them.
@@ -62,34 +61,19 @@ class LogTable:
     """
 
     def __init__(
-        self,
-        path: str | Path,
-        delimiter: str | None = None,
-        column_names: Sequence[str] | None = None,
-        decimal: str = ".",
-        encoding: str | None = None,
-        comment: str | None = None,
-        skip_rows: int = 0,
+        self, path: str | Path, column_names: Sequence[str] | None = None, **text: Unpack[TextForm]
     ) -> None:
-        self.path, self._decimal = Path(path), decimal
+        self.path = Path(path)
         self.units: dict[str, str] = {}
         self.notes: list[str] = []
         self._text: TextTable | None = None
         try:
-            names = self._open(delimiter, column_names, encoding, comment, skip_rows)
+            self.columns = tuple(self._open(column_names, text))
         except OSError as error:
             why = error.strerror or str(error)
             raise LogFormatError(f"{self.path} cannot be read ({why})", EXPECTED) from error
-        self.columns = tuple(names)
 
-    def _open(
-        self,
-        delimiter: str | None,
-        column_names: Sequence[str] | None,
-        encoding: str | None,
-        comment: str | None,
-        skip_rows: int,
-    ) -> Sequence[str]:
+    def _open(self, column_names: Sequence[str] | None, form: TextForm) -> Sequence[str]:
         with open_regular(self.path) as file:
             head = file.read(MAX_MAGIC)
             self._size = file.seek(0, io.SEEK_END)
@@ -98,8 +82,7 @@ class LogTable:
             raise LogFormatError(found, EXPECTED, remedy)
         if head.startswith(PARQUET):
             return self._unpack().columns
-        headed = column_names is None
-        text = TextTable(self.path, delimiter, self._decimal, encoding, comment, skip_rows, headed)
+        text = TextTable(self.path, headed=column_names is None, **form)
         self._text, self.notes = text, text.notes
         names = text.columns if column_names is None else column_names
         stated = {name: UNIT.search(name) for name in names}
@@ -175,7 +158,7 @@ class LogTable:
         names = (*numbers, *texts)
         pick = [self.columns.index(name) for name in names]
         count, most = 0, MAX_NUMBERS // max(len(numbers), 1)
-        decimal = "." if self._text is None else self._decimal
+        decimal = "." if self._text is None else self._text.decimal
         width = len(self.columns)
         parts = (
             self._frame_rows(pick, len(numbers))

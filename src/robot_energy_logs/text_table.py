@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import BinaryIO, TextIO, TypedDict
 
 import numpy as np
 import polars as pl
@@ -53,6 +53,16 @@ Cells = tuple[Int, list[pl.Series], Int, tuple[int, ...]]
 """Line of each row, its cells, how many they are, and lines that repeat the header."""
 
 
+class TextForm(TypedDict, total=False):
+    """How a table is written as text; see `TextTable`."""
+
+    delimiter: str | None
+    decimal: str
+    encoding: str | None
+    comment: str | None
+    skip_rows: int
+
+
 @dataclass
 class TextTable:
     """One text: CSV, plain or gzip.
@@ -61,6 +71,7 @@ class TextTable:
         delimiter: Between cells; None: the likeliest in its first line, spaces only where
             there is no other.
         encoding: Of the text; None: UTF-8, UTF-16 or Windows-1252, whichever it is.
+        comment: What lines begin with that are left out; None: ``#``.
         skip_rows: Lines before the header, or the rows, that are left out.
 
     Attributes:

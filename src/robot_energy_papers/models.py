@@ -94,10 +94,10 @@ def without_knowledge(model: RobotModel) -> RobotModel:
     """Return a model with bodies and gears only: no friction, no losses."""
     zero = PositiveFigure(value=0.0, tag="assumed", source=UNKNOWN)
     friction = JointFriction(coulomb=zero, viscous=ConstantLaw(law="constant", viscous=zero))
-    joints = [joint.model_copy(update={"friction": friction}) for joint in model.joints]
     guess = PositiveFigure(value=GUESS, tag="assumed", source=UNKNOWN)
     cabinet = model.cabinet.model_copy(update={"loss_grid": guess, "loss_dc": guess})
-    return model.changed(joints=joints, cabinet=cabinet, drive="ideal")
+    bare = model.with_joints("friction", dict.fromkeys(model.joint_names, friction))
+    return bare.changed(cabinet=cabinet, drive="ideal")
 
 
 def identify(
@@ -160,15 +160,12 @@ def _of_one(recording: Recording) -> SetFriction:
 
 def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
     """The same friction with every axis as a table, where one was fitted."""
-    joints = [
-        joint.model_copy(
-            update={"friction": joint.friction.model_copy(update={"viscous": fit.laws["table"]})}
-        )
-        if "table" in fit.laws
-        else joint
+    found = {
+        joint.name: joint.friction.model_copy(update={"viscous": fit.laws["table"]})
         for joint, fit in zip(model.joints, fits, strict=True)
-    ]
-    return model.changed(joints=joints)
+        if "table" in fit.laws
+    }
+    return model.with_joints("friction", found)
 
 
 def _with_losses(

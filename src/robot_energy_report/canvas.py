@@ -125,6 +125,19 @@ def named_ticks(axis: Any, places: Any, names: Iterable[str]) -> None:
     axis.set_ticks(places, [typeset(shown(name, MAX_TICK)) for name in names])
 
 
+def saving_bars(
+    axes: Axes, names: Sequence[str], values: Any, halves: Any, claimed: Sequence[bool], label: str
+) -> None:
+    """Draw a bar for each saving, the first on top, with its band; grey where it is not claimed."""
+    place = range(len(names))[::-1]
+    axes.barh(place, values, 0.6, color=[SERIES[2] if one else SERIES[6] for one in claimed])
+    axes.errorbar(values, place, xerr=halves, fmt="none", ecolor="#16202b", capsize=3, linewidth=1)
+    named_ticks(axes.yaxis, place, names)
+    axes.axvline(0.0, color="#51606f", linewidth=0.8)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(label)
+
+
 def check_format(path: Path) -> None:
     """Refuse a file that is not a picture."""
     if path.suffix.lower() not in FORMATS:

@@ -6,7 +6,7 @@ anywhere else; its JSON is the result itself (`results.base`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -36,7 +36,7 @@ class Column:
     """
 
     name: str
-    value: str | Callable[[Any], Any]
+    value: str | int | Callable[[Any], Any]
     form: Callable[[Any], str] = str
     unit: str = ""
     total: bool | Callable[[Sequence[Any]], Any] = False
@@ -51,7 +51,7 @@ class Column:
         """Return what stands in a row.
 
         Args:
-            row: An object with the attribute that the column shows, or one that its function takes.
+            row: Has the value as an attribute, or under a key or number; or the function takes it.
         """
         return self._text(self._of(row))
 
@@ -68,7 +68,10 @@ class Column:
         return self._text(None if None in values else sum(values)) if self.total else ""
 
     def _of(self, row: Any) -> Any:
-        return getattr(row, self.value) if isinstance(self.value, str) else self.value(row)
+        if callable(self.value):
+            return self.value(row)
+        named = isinstance(self.value, str) and not isinstance(row, Mapping)
+        return getattr(row, str(self.value)) if named else row[self.value]
 
     def _text(self, value: Any) -> str:
         return NOTHING if value is None else self.form(value)

@@ -47,7 +47,7 @@ TOTAL_NAMES = {
     "drives_measured": "measured drives and a constant",
 }
 STRUCTURE_NAMES = {**TOTAL_NAMES, "shaft": "shaft power alone"}
-UNITS = {"constant": "W", "copper": "W/(N m)^2", "linear": "W s/rad", "quadratic": "W s2/rad2"}
+UNITS = {"constant": "W", "copper": "W/(N m)^2", "linear": "W s/rad", "quadratic": "W s^2/rad^2"}
 
 
 def drives_document(report: DrivesReport, page: Document) -> None:

@@ -19,7 +19,7 @@ from robot_energy_report.formats import (
     percent,
     seconds,
 )
-from robot_energy_report.page.energy_flow import FlowParts, flow_picture, known_label
+from robot_energy_report.page.energy_flow import PARTS, FlowParts, flow_picture, known_label
 
 QUALITY_NAMES = {
     "temperature_missing": "temperature missing, fallback used",
@@ -37,6 +37,15 @@ BANDS = {
     "parametric": "of the model's figures",
     "calibrated": "calibrated with the meter",
 }
+FIELDS = {  # of `EnergyBreakdown`: the part of the energy that each belongs to, and its name
+    "rigid": ("motion", f"{PARTS['motion']} (net)"),
+    "friction": ("friction", PARTS["friction"]),
+    "drive_loss": ("drives", PARTS["drives"]),
+    "loss_dc": ("cabinet", f"{PARTS['cabinet']}, DC side"),
+    "loss_grid": ("cabinet", "constant and supply losses, grid side"),
+    "brake": ("brake", PARTS["brake"]),
+    "capacitor": ("capacitor", "into the DC-link capacitor (net)"),
+}
 MIN_SHARE = 0.005  # of the variance; what adds less is not shown
 MAX_CONTRIBUTIONS = 8
 
@@ -51,16 +60,10 @@ def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
 
 
 def _part_names(drive: str) -> dict[str, str]:
-    unmodelled = drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless
-    return {
-        "rigid": "lifting, accelerating (net)",
-        "friction": "friction",
-        "drive_loss": "drive losses" + (" (not modelled)" if unmodelled else ""),
-        "loss_dc": "constant losses, DC side",
-        "loss_grid": "constant and supply losses, grid side",
-        "brake": "brake resistor",
-        "capacitor": "into the DC-link capacitor (net)",
-    }
+    names = {key: name for key, (_, name) in FIELDS.items()}
+    if drive in DRIVE_MODELS and DRIVE_MODELS[drive].lossless:
+        names["drive_loss"] += " (not modelled)"
+    return names
 
 
 def add_flow(

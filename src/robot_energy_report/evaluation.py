@@ -182,9 +182,6 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
     def errors(name: str) -> list[float]:
         return [_known(_of(one, name, "energy_relative")) for one in metered]
 
-    def mean_size(name: str) -> str:
-        return percent(sum(map(abs, errors(name))) / len(metered))
-
     page.rows(
         f"Energy at {place}, predicted minus measured",
         [
@@ -196,7 +193,7 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
                     label,
                     lambda one, name=name: _of(one, name, "energy_relative"),
                     signed_percent,
-                    total=lambda _, name=name: mean_size(name),
+                    total=lambda _, name=name: percent(sum(map(abs, errors(name))) / len(metered)),
                 )
                 for name, label in labels.items()
                 if name != ZERO
@@ -220,7 +217,9 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
         metered,
     )
     if len(metered) > 1:
-        bars = [_bar(name, label, errors(name)) for name, label in labels.items() if name in ROLES]
+        bars: list[Bars] = [
+            (label, ROLES[name], errors(name)) for name, label in labels.items() if name in ROLES
+        ]
         page.figure(
             lambda path: error_bars([one.recording for one in metered], bars, path),
             "Error of the predicted energy at the meter, by recording.",
@@ -281,9 +280,9 @@ def _torque(report: EvaluationReport, page: Document) -> None:
             "predicts."
         )
     share = "torque_relative_moving"
-    bars = [
-        _bar(name, label, [_known(of(name, share, place)) for place in range(len(joints))])
-        for name, label in labels.items()
+    bars: list[Bars] = [
+        (labels[name], ROLES[name], [_known(of(name, share, k)) for k in range(len(joints))])
+        for name in labels
         if name in ROLES
     ]
     page.figure(
@@ -297,10 +296,6 @@ def _torque(report: EvaluationReport, page: Document) -> None:
 def _labels(scores: Sequence[ModelScore]) -> dict[str, str]:
     names = {MODEL: "model", ZERO: "zero"}
     return {one.name: names.get(one.name) or (one.change or "fixed") for one in scores}
-
-
-def _bar(name: str, label: str, errors: list[float]) -> Bars:
-    return label, ROLES[name], errors
 
 
 def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +16,17 @@ from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy_report.canvas import MAX_TICK, PART_COLOURS, SERIES, canvas
 from robot_energy_report.document import Column, Document, Tiles
 from robot_energy_report.formats import NOTHING, counted, fixed, number, percent, signed_percent
+from robot_energy_report.page.energy_flow import PARTS
 from robot_energy_report.page.history_view import HistoryView
 
-PARTS = {  # as all reports name them, and what each is
-    "friction": (
-        "friction", "lost in bearings, gears and seals; falls as they warm up, grows as they wear"
-    ),
-    "drives": ("drive losses", "lost in motors and inverters"),
-    "motion": (
-        "lifting, accelerating", "into the bodies, less what came back; small over a month"
-    ),
-    "brake": ("brake resistor", "turned into heat, as nothing else took it"),
-    "cabinet": ("constant losses", "drawn by controller, fans and supplies all the time"),
-    "capacitor": ("capacitor", "left in the DC link"),
-}  # fmt: skip
+MEANINGS = {
+    "friction": "lost in bearings, gears and seals; falls as they warm up, grows as they wear",
+    "drives": "lost in motors and inverters",
+    "motion": "into the bodies, less what came back; small over a month",
+    "brake": "turned into heat, as nothing else took it",
+    "cabinet": "drawn by controller, fans and supplies all the time",
+    "capacitor": "left in the DC link",
+}
 EXPLAINED = (
     ("energy from the grid", "what the models say that the robots drew from the grid"),
     ("at rest", "the energy of the time without motion"),
@@ -139,24 +135,24 @@ def _days(page: Document, answer: Figures) -> None:
 def _robots(page: Document, answer: Figures) -> None:
     page.heading("Robots")
     columns = [
-        Column("robot", itemgetter("robot")),
-        Column("energy", itemgetter("energy"), _kwh, "kWh", total=True),
+        Column("robot", "robot"),
+        Column("energy", "energy", _kwh, "kWh", total=True),
         Column(
             "change",
             lambda row: _ratio(row["same"], row["before"]) if row["fair"] else None,
             signed_percent,
         ),
-        Column("in motion", itemgetter("motion"), _kwh, "kWh", total=True),
-        Column("at rest", itemgetter("hold"), _kwh, "kWh", total=True),
-        Column("standby", itemgetter("standby"), _kwh, "kWh", total=True),
-        Column("friction", itemgetter("friction"), _kwh, "kWh", total=True),
-        Column("measured", itemgetter("measured"), _kwh, "kWh"),
+        Column("in motion", "motion", _kwh, "kWh", total=True),
+        Column("at rest", "hold", _kwh, "kWh", total=True),
+        Column("standby", "standby", _kwh, "kWh", total=True),
+        Column("friction", "friction", _kwh, "kWh", total=True),
+        Column("measured", "measured", _kwh, "kWh"),
         Column("error", lambda row: _ratio(row["at_meter"], row["measured"]), signed_percent),
-        Column("peak", itemgetter("peak"), fixed(0), "W"),
+        Column("peak", "peak", fixed(0), "W"),
         Column("observed", lambda row: row["observed"] / 3600.0, fixed(1), "h", total=True),
     ]
     if answer["currency"]:
-        columns.insert(2, Column("cost", itemgetter("cost"), fixed(2), answer["currency"], True))
+        columns.insert(2, Column("cost", "cost", fixed(2), answer["currency"], True))
     rows = sorted(answer["robots"], key=lambda row: -row["energy"])
     page.rows("", columns, rows, "all" if len(rows) > 1 else "")
 
@@ -169,8 +165,8 @@ def _losses(page: Document, answer: Figures) -> None:
         "",
         ("part", "kWh", "share", "meaning"),
         [
-            (called, _kwh(value), percent(value / net if net else None), meaning)
-            for (called, meaning), value in ((PARTS[name], sums[name]) for name in sums)
+            (PARTS[name], _kwh(value), percent(value / net if net else None), MEANINGS[name])
+            for name, value in sums.items()
         ],
         ("net from the grid", _kwh(net), percent(1.0 if net else None), "less what was fed back"),
     )
@@ -184,9 +180,9 @@ def _standby(page: Document, answer: Figures) -> None:
     page.rows(
         "",
         [
-            Column("when", itemgetter("name")),
-            Column("standby", itemgetter("energy"), _kwh, "kWh", total=True),
-            Column("cost", itemgetter("cost"), fixed(2), answer["currency"], total=True),
+            Column("when", "name"),
+            Column("standby", "energy", _kwh, "kWh", total=True),
+            Column("cost", "cost", fixed(2), answer["currency"], total=True),
         ],
         answer["rests"],
         "together",
@@ -201,10 +197,10 @@ def _jobs(page: Document, answer: Figures) -> None:
     page.rows(
         "",
         [
-            Column("job", itemgetter("name")),
-            Column("robot", itemgetter("robot")),
-            Column("parts", itemgetter("count"), total=True),
-            Column("energy", itemgetter("energy"), _kwh, "kWh", total=True),
+            Column("job", "name"),
+            Column("robot", "robot"),
+            Column("parts", "count", total=True),
+            Column("energy", "energy", _kwh, "kWh", total=True),
             Column("of each", lambda row: row["mean"] / 3600.0, fixed(2), "Wh"),
             Column("change", lambda row: _ratio(row["mean"], row["before"]), signed_percent),
         ],
@@ -241,12 +237,12 @@ def _tariffs(page: Document, answer: Figures) -> None:
     page.rows(
         "",
         [
-            Column("from", itemgetter("begin")),
+            Column("from", "begin"),
             Column("price per kWh", lambda one: _priced(one["price_per_kwh"], one["currency"])),
             Column("other times", lambda one: _times(one["time_of_use"]) or None),
-            Column("CO2", itemgetter("co2_kg_per_kwh"), lambda value: f"{value:g}", "kg/kWh"),
+            Column("CO2", "co2_kg_per_kwh", lambda value: f"{value:g}", "kg/kWh"),
             Column("source", lambda one: one["co2_source"] or None),
-            Column("time zone", itemgetter("timezone")),
+            Column("time zone", "timezone"),
         ],
         answer["tariffs"],
     )
@@ -263,7 +259,7 @@ def draw_days(answer: Figures, target: BytesIO) -> None:
             values = [(value or 0.0) / JOULE_PER_KWH for value in one["values"]]
             base = [d if v < 0 else u for v, u, d in zip(values, up, down, strict=True)]
             colour = PART_COLOURS.get(one["name"], colours.get(order, "#9a9a9a"))
-            name = PARTS[one["name"]][0] if answer["group"] == "part" else one["name"]
+            name = PARTS[one["name"]] if answer["group"] == "part" else one["name"]
             label = shown(name, MAX_TICK)
             axes.bar(places, values, 0.8, bottom=base, color=colour, label=label)
             up = [u + max(v, 0.0) for u, v in zip(up, values, strict=True)]

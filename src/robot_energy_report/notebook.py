@@ -23,7 +23,7 @@ from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
 from robot_energy_report.canvas import COLOURS, PART_COLOURS, SERIES, Axes
 from robot_energy_report.document import Document, FlowDiagram, Tiles
-from robot_energy_report.energy import scale_of
+from robot_energy_report.energy import FIELDS, scale_of
 from robot_energy_report.formats import number, typeset
 from robot_energy_report.html import parts_html
 
@@ -184,22 +184,12 @@ def _over_time(axes: Axes, quantity: str) -> None:
 
 def _parts(energy: EnergyBreakdown, axes: Axes) -> None:
     scale = scale_of([energy])
-    parts = (
-        ("lifting, accelerating", energy.rigid, "motion"),
-        ("friction", energy.friction, "friction"),
-        ("drive losses", energy.drive_loss, "drives"),
-        ("constant losses, DC", energy.loss_dc, "cabinet"),
-        ("losses, grid side", energy.loss_grid, "cabinet"),
-        ("brake resistor", energy.brake, "brake"),
-        ("capacitor", energy.capacitor, "motion"),
-    )
-    known = [(name, value, part) for name, value, part in parts if value is not None]
-    places = range(len(known))
+    known = {key: value for key in FIELDS if (value := getattr(energy, key)) is not None}
     axes.barh(
-        places, [value / scale.factor for _, value, _ in known],
-        color=[PART_COLOURS[part] for _, _, part in known],
-    )  # fmt: skip
-    axes.set_yticks(places, [name for name, _, _ in known])
+        [FIELDS[key][1] for key in known],
+        [value / scale.factor for value in known.values()],
+        color=[PART_COLOURS[FIELDS[key][0]] for key in known],
+    )
     axes.invert_yaxis()
     axes.set_xlabel(f"energy [{scale.unit}]")
 
@@ -207,13 +197,9 @@ def _parts(energy: EnergyBreakdown, axes: Axes) -> None:
 def _joints(energy: EnergyBreakdown, joints: tuple[JointEnergy, ...], axes: Axes) -> None:
     scale = scale_of([energy])
     places = np.arange(len(joints))
-    parts = (
-        ("lifting, accelerating", "rigid_energy", "motion"),
-        ("friction", "friction_energy", "friction"),
-        ("drive losses", "drive_loss_energy", "drives"),
-    )
     above, below = np.zeros(len(joints)), np.zeros(len(joints))
-    for label, name, part in parts:
+    for field in ("rigid", "friction", "drive_loss"):
+        (part, label), name = FIELDS[field], f"{field}_energy"
         if all(getattr(joint, name) is None for joint in joints):
             continue
         values = np.array([getattr(joint, name) or 0.0 for joint in joints]) / scale.factor

@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy_plan.results.common_supply import CommonSupply
 from robot_energy_plan.results.optimization import MeasureResult, OptimizationReport
-from robot_energy_report.canvas import SERIES, Axes, Target, canvas, named_ticks
+from robot_energy_report.canvas import SERIES, Axes, Target, canvas, saving_bars
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
     EnergyFormat,
@@ -214,16 +214,15 @@ def measures_and_front(report: OptimizationReport, path: Target) -> None:
 def _savings(axes: Axes, report: OptimizationReport) -> None:
     named = [("all that change the program", report.saving)]
     named += [(one.label, one.saving) for one in report.measures if one.saving is not None]
-    place = np.arange(len(named))[::-1]
-    energy = np.array([saving.energy for _, saving in named]) * KILO
-    half = np.array([saving.half for _, saving in named]) * KILO
-    colours = [SERIES[2] if saving.claimed else SERIES[6] for _, saving in named]
-    axes.barh(place, energy, 0.6, color=colours)
-    axes.errorbar(energy, place, xerr=half, fmt="none", ecolor="#16202b", capsize=3, linewidth=1.0)
-    named_ticks(axes.yaxis, place, [name for name, _ in named])
-    axes.axvline(0.0, color="#51606f", linewidth=0.8)
-    axes.grid(visible=False, axis="y")
-    axes.set_xlabel("saving per cycle [kJ], with its 90 % band; grey: not claimed")
+    names, savings = zip(*named, strict=True)
+    saving_bars(
+        axes,
+        names,
+        [one.energy * KILO for one in savings],
+        [one.half * KILO for one in savings],
+        [one.claimed for one in savings],
+        "saving per cycle [kJ], with its 90 % band; grey: not claimed",
+    )
 
 
 def _draw_front(figure: Any, axes: Axes, report: OptimizationReport) -> None:

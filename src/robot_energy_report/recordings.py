@@ -15,7 +15,7 @@ from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
 from robot_energy_report.document import Column, Document
-from robot_energy_report.energy import add_flow, scale_of
+from robot_energy_report.energy import add_flow, scale_of, sum_of_known
 from robot_energy_report.formats import (
     EnergyFormat,
     counted,
@@ -139,7 +139,7 @@ def _table(
         Column("predicted", lambda one: one.energy.net, scale.joule, scale.unit, total=True),
         Column("mean", lambda one: mean([one]), fixed(1), "W", total=mean),
         Column("measured", lambda one: one.comparison.measured_energy, scale.joule, scale.unit,
-               total=lambda rows: _known([one.comparison.measured_energy for one in rows])),
+               total=lambda rows: sum_of_known(one.comparison.measured_energy for one in rows)),
         Column("error", lambda one: error_of([one])[0], signed_percent,
                total=lambda rows: error_of(rows)[0]),
         Column("without constant\nlosses", lambda one: one.comparison.beyond_constant_relative,
@@ -184,11 +184,6 @@ def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None
 def _share(reports: Sequence[ReplayReport]) -> float | None:
     net = sum(one.energy.net for one in reports)
     return sum(one.energy.friction for one in reports) / net if net > 0 else None
-
-
-def _known(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return sum(known) if known else None
 
 
 MARKERS = "osD^v"  # of the jobs of one robot

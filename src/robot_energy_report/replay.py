@@ -325,11 +325,6 @@ def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> N
 def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> None:
     with page.only("page"):
         page.pairs(_recording(report))
-    _inputs(page, report)
-    EnergySections(page, report).quality()
-
-
-def _inputs(page: Document, report: ReplayReport) -> None:
     page.rows(
         "Inputs",
         [
@@ -348,6 +343,7 @@ def _inputs(page: Document, report: ReplayReport) -> None:
         ],
         [(name, account) for name, account in report.inputs.items() if account.received],
     )
+    EnergySections(page, report).quality()
 
 
 Section = Callable[[Document, ReplayReport, ReplayCurves | None], None]

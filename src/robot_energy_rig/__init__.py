@@ -4,10 +4,10 @@ Whatever is shown on the rig is labelled so; it proves the method, not a robot.
 """
 
 from robot_energy_rig.config import RigConfig, Sensors
-from robot_energy_rig.lubricant import Lubricant
 from robot_energy_rig.output import RigJoints, RigOutput, Truth
 from robot_energy_rig.profile import (
     HardEffects,
+    Lubricant,
     PlantProfile,
     SupplyProfile,
     load_profile,

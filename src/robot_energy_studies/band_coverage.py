@@ -20,7 +20,7 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.record import Calibrated
-from robot_energy.certainty.band import Z90, power_std
+from robot_energy.certainty.band import TEMPERATURE, Z90, power_std
 from robot_energy.certainty.band_calibration import BandCalibration
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
@@ -107,6 +107,7 @@ class Covered:
         error: Predicted over measured energy, less 1. [-]
         half: Half width of the band of the energy after ten minutes with a meter, over the
             measured energy. [-]
+        half_known: The same at known temperatures. [-]
         half_alone: The same without a meter. [-]
         counts: Readings of the meter, 0.1 s each, by phase: all, and those within the band of
             power, shape (P, 2).
@@ -122,6 +123,7 @@ class Covered:
     run: str
     error: float
     half: float
+    half_known: float
     half_alone: float
     counts: Int
     half_power: float
@@ -213,6 +215,8 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
     registers, before = after.account.registers, BandCalibration()
     before.restore(kept)
     band = before.energy_band(registers.deviation)
+    at_known = registers.deviation.copy()
+    at_known[TEMPERATURE] = 0.0
     measured = comparison.measured_energy
     known = np.isfinite(means.measured_power)
     half = Z90 * power_std(means.deviation[known])
@@ -226,6 +230,7 @@ def _covered(plant: str, run: str, bag: Path, model: RobotModel, kept: Calibrate
         run,
         comparison.predicted_energy / measured - 1.0,
         band.half / measured,
+        before.energy_band(at_known).half / measured,
         Z90 * alone.account.energy_band.std / measured,
         calibration.counts[:, :2],
         float(np.nanmedian(after_means.band_half)) / power,

@@ -37,7 +37,7 @@ from robot_energy_identify.thermal.network import (
     free_run,
     with_networks,
 )
-from robot_energy_identify.thermal.windows import runs_of_log, runs_of_recordings
+from robot_energy_identify.thermal.windows import runs_of_log, runs_of_recordings, without_networks
 from robot_energy_logs.recording import LogBlock
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
@@ -117,10 +117,7 @@ def hidden_sensors(body: str, seed: int) -> HiddenPlant:
     there = ambient + float(rng.uniform(-AMBIENT_SPREAD, AMBIENT_SPREAD))
     test = _play(profile, seed, 1, TEST, there)
     seen, hidden = _replayed(model, test), _replayed(model, test, hide=True)
-    plain = model.changed(
-        joints=[joint.model_copy(update={"thermal": None}) for joint in model.joints]
-    )
-    fallback = _replayed(plain, test, hide=True)[0]
+    fallback = _replayed(without_networks(model), test, hide=True)[0]
     power, std = hidden[0], hidden[1]
     own = np.array([joint.thermal is not None for joint in model.joints])
     rows = np.searchsorted(test.stamp_ns, power.stamp_ns).clip(0, len(test.stamp_ns) - 1)

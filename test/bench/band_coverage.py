@@ -85,10 +85,12 @@ def main():
         print(f"{name:40}" + "".join(f"{value:+8.2f}" for value in found), flush=True)
     with TemporaryFolder() as folder:
         standard = list(shown(band_coverage(folder.path, [None], hard=False, bare=args.bare)))
-    widest = max(row.half for row in standard if row.run in WITHIN)
+    within = [row for row in standard if row.run in WITHIN]
+    widest, known = max(row.half for row in within), max(row.half_known for row in within)
     missed += widest > MAX_STANDARD
     text = "" if widest <= MAX_STANDARD else ", missed"
     print(f"standard plant, widest band of a minute  {widest:6.1%}   goal {MAX_STANDARD:.0%}{text}")
+    print(f"without what an unknown start leaves     {known:6.1%}")
     return int(missed > 0)
 
 

@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 import robot_energy as re
 import sound_recordings
+from friction_terms import TERMS, TermErrors, held_out_terms, term_errors
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import EffortMeaning
@@ -57,7 +58,6 @@ from robot_energy_papers.mantis import LEAD, AfterRest
 from robot_energy_report.printing import table
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_rig.record import record
-from robot_energy_studies.friction_terms import TERMS, TermErrors, held_out_terms, term_errors
 from robot_energy_studies.independent import QUICK, published, recorded_sets
 from robot_energy_studies.simulator.drawn import drawn_robot
 from sound_recordings import IDENTIFY, MAPPINGS

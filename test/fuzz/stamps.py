@@ -217,7 +217,7 @@ class Monitors:
     def _take_friction(self, batch: RawBatch) -> None:
         friction = self.friction.decode(batch)
         if friction is not None:
-            self.power.friction(friction)
+            self.power.timeline.add(friction)
 
 
 @functools.cache

@@ -172,8 +172,7 @@ def outlier_stamps(data: bytes) -> bool:
     streams = {topic: messages(topic, stamp) for topic, stamp in stamps.items()}
     run, found = whole(streams, 1)
     assert whole(streams, 1 + (data[0] if data else 0) % 37)[1] == found
-    timeline = run.pipeline.power
-    assert timeline.friction_rows <= 3 * SECONDS * 2 + 3
+    assert run.pipeline.power.timeline.rows <= 3 * SECONDS * 2 + 3
     if not alone:
         return True
     assert live(streams, 0.3) == found

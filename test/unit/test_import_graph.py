@@ -21,7 +21,7 @@ MODULES = {
     "robot_energy.accounting": """
         account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
         load_curve meter_checks meter_response plain_text power_curve record registers
-        sample_counts totals
+        totals
     """,
     "robot_energy.bag": """
         mcap_block mcap_file mcap_records mcap_writer metadata packed
@@ -31,8 +31,8 @@ MODULES = {
         batch decode encode plan schema types walk
     """,
     "robot_energy.certainty": """
-        band band_calibration deviation energy_calibration friction_certainty
-        prediction_errors priors
+        band band_calibration deviation energy_calibration figure_deviations
+        friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
         baseline buckets drift joint_friction learner meter_fit meter_windows
@@ -50,7 +50,7 @@ MODULES = {
         auxiliary bag_topics inputs_file options parameters rejection_log sources
     """,
     "robot_energy.inputs.joint_states": """
-        correction decode joint_states jumps partial_states plausibility publisher_conflicts
+        correction decode joint_states partial_states plausibility publisher_conflicts
     """,
     "robot_energy.inputs.meter": """
         energy_counter kinds meter source voltage_current_pairs
@@ -88,7 +88,7 @@ MODULES = {
         account_store condition_store envelope slot_store slots
     """,
     "robot_energy.timeline": """
-        blocks epochs pieces stamps streams time_series
+        blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run
@@ -99,9 +99,9 @@ MODULES = {
         simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset dataset_columns
+        api bag_joints bag_list bag_places bag_row bag_sums dataset
         findings fleet_run history_tables identify joint_sums
-        merged_laws options report sisters tables wear_history workers
+        merged_laws options report sisters tables workers
     """,
     "robot_energy_fleet.advice": """
         advise claims dataset_evidence evidence
@@ -113,7 +113,7 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags baseline check differences files friction jobs notes outputs readings rollup rows
+        api bags baseline check differences files jobs notes outputs readings rollup rows
         savings schema spans store tariffs use
     """,
     "robot_energy_identify": """
@@ -206,12 +206,12 @@ MODULES = {
         web_app web_server
     """,
     "robot_energy_rig": """
-        auxiliary config lubricant output plant profile record sensors supply
+        auxiliary config output plant profile record sensors supply
         virtual_rig
     """,
     "robot_energy_studies": """
         advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
-        friction_terms generated_fleet independent independent_page interval_coverage judged_savings
+        generated_fleet independent independent_page interval_coverage judged_savings
         learning_study left_out savings savings_page savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """

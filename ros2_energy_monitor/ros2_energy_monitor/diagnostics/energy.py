@@ -27,8 +27,8 @@ from robot_energy.model import RobotModel
 from robot_energy.pipeline import FrictionStage, TorqueStage
 from robot_energy.pipeline.friction_timeline import FallbackUse
 from robot_energy.timeline.blocks import NANOSECOND, Quality
-from robot_energy.timeline.epochs import EpochSplitter
-from robot_energy.timeline.streams import sentence_of
+from robot_energy.timeline.stamps import sentence_of
+from robot_energy.timeline.streams import EpochSplitter
 from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.diagnostics.inputs import InputWatch, accounting

@@ -6,18 +6,19 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Table of the exporters."""
+"""Table of the exporters, and parameters of the node."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from typing import Any
 
 from robot_energy.foundation.kinds import Kind, Kinds
-from ros2_energy_monitor.exporters.exporter import Exporter
+from robot_energy.inputs.parameters import group, parameter
 from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters
 from ros2_energy_monitor.exporters.opcua import OpcUaExporter, OpcUaParameters
+from ros2_energy_monitor.exporters.values import Exporter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,3 +50,27 @@ EXPORTERS = Kinds(
         make=OpcUaExporter,
     ),
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExporterBase:
+    """Parameters that all exporters share."""
+
+    exporters: tuple[str, ...] = parameter(
+        "Exporters to run: mqtt, opcua, or both; each has a group of parameters.", ("mqtt",)
+    )
+    robot_name: str = parameter("Name of the robot in topics and nodes.", "robot")
+    stale_after: float = parameter(
+        "Age from which the newest message is no longer exported as current [s].",
+        5.0,
+        0.5,
+        3600.0,
+    )
+
+
+def exporter_parameters() -> type[Any]:
+    """Return the dataclass of the parameters, for the kinds that the table has now."""
+    groups = [(kind.name, kind.parameters, group(kind.parameters)) for kind in EXPORTERS.values()]
+    return make_dataclass(
+        "ExporterParameters", groups, bases=(ExporterBase,), frozen=True, kw_only=True
+    )

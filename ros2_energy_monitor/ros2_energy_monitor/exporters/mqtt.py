@@ -32,10 +32,11 @@ from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,
+    Exporter,
+    Newest,
     Topic,
     exported,
 )

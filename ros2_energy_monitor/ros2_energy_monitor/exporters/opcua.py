@@ -26,7 +26,7 @@ import ipaddress
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -41,10 +41,13 @@ from robot_energy.timeline.blocks import MeterLocation
 from ros2_energy_monitor.base.credentials import read_credentials
 from ros2_energy_monitor.base.optional_packages import require
 from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest
-from ros2_energy_monitor.exporters.values import Topic, stamp_of
+from ros2_energy_monitor.exporters.values import Exporter, Newest, Topic, stamp_of
 
-WATT, WATT_HOUR = (5723220, "W", "watt"), (5720146, "W·h", "watt hour")
+MEASURED_IN = {
+    Topic.POWER: (1.0, (5723220, "W", "watt")),
+    Topic.REGISTERS: (ENERGY_UNITS["Wh"], (5720146, "W·h", "watt hour")),
+}
+"""One of the unit of a variable in that of the field, and that unit."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,6 @@ class Measurement:
     """One variable.
 
     Attributes:
-        size: One of its unit, in that of the field. [-]
         double: Whether it is a Double; a Float otherwise.
         number: MeasurementID; None where no public text states one.
         load: Name of the load outside of the cabinet that it is of; empty for the robot.
@@ -62,9 +64,7 @@ class Measurement:
     name: str
     topic: Topic
     field: str
-    size: float
     double: bool
-    unit: tuple[int, str, str]
     number: int | None = None
     load: str = ""
 
@@ -73,24 +73,17 @@ class Measurement:
         owner = message
         if self.load:
             owner = next((one for one in message.auxiliary if one.name == self.load), None)
-        return math.nan if owner is None else getattr(owner, self.field) / self.size
+        size, _ = MEASURED_IN[self.topic]
+        return math.nan if owner is None else getattr(owner, self.field) / size
 
 
-def _of(origin: str, power: str, energy: str) -> tuple[Measurement, ...]:
-    size = ENERGY_UNITS["Wh"]
+def _of(origin: str, power: str, energy: str, load: str = "") -> tuple[Measurement, ...]:
     low, high = "AcActiveEnergyTotalImportLp", "AcActiveEnergyTotalImportHp"
     return (
-        Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, 1.0, False, WATT, 1412),
-        Measurement(origin, low, Topic.REGISTERS, energy, size, False, WATT_HOUR, 1001),
-        Measurement(origin, high, Topic.REGISTERS, energy, size, True, WATT_HOUR),
+        Measurement(origin, "AcActivePowerTotal", Topic.POWER, power, False, 1412, load),
+        Measurement(origin, low, Topic.REGISTERS, energy, False, 1001, load),
+        Measurement(origin, high, Topic.REGISTERS, energy, True, None, load),
     )
-
-
-def _band(
-    name: str, topic: Topic, field: str, size: float, unit: tuple[int, str, str]
-) -> Measurement:
-    """Part of a 90 % band; the standard has none."""
-    return Measurement(PREDICTED, name, topic, field, size, True, unit)
 
 
 PREDICTED, MEASURED, LOAD = "predicted", "measured", "load"
@@ -100,14 +93,13 @@ OBJECTS = {
 }
 MEASUREMENTS = (
     *_of(PREDICTED, "predicted_grid_power", "predicted_import_energy"),
-    _band("ActivePowerBandLower", Topic.POWER, "predicted_power_lower", 1.0, WATT),
-    _band("ActivePowerBandUpper", Topic.POWER, "predicted_power_upper", 1.0, WATT),
-    _band(
-        "ActiveEnergyBandHalfWidth",
-        Topic.REGISTERS,
-        "predicted_energy_band",
-        ENERGY_UNITS["Wh"],
-        WATT_HOUR,
+    *(
+        Measurement(PREDICTED, name, topic, field, True)  # of the 90 % band; the standard has none
+        for name, topic, field in (
+            ("ActivePowerBandLower", Topic.POWER, "predicted_power_lower"),
+            ("ActivePowerBandUpper", Topic.POWER, "predicted_power_upper"),
+            ("ActiveEnergyBandHalfWidth", Topic.REGISTERS, "predicted_energy_band"),
+        )
     ),
     *_of(MEASURED, "measured_power", "measured_energy"),
 )
@@ -115,16 +107,8 @@ MEASUREMENTS = (
 
 def load_measurements(name: str) -> tuple[Measurement, ...]:
     """Return the measurements of a load outside of the cabinet."""
-    energy = ENERGY_UNITS["Wh"]
-    return (
-        Measurement(
-            LOAD, "AcActivePowerTotal", Topic.POWER, "power", 1.0, False, WATT, 1412, name
-        ),
-        Measurement(
-            LOAD, "AcActiveEnergyTotalImportHp", Topic.REGISTERS, "energy", energy, True,
-            WATT_HOUR, None, name,
-        ),
-    )  # fmt: skip
+    power, _, energy = _of(LOAD, "power", "energy", name)
+    return power, energy
 
 
 def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
@@ -281,41 +265,32 @@ class OpcUaExporter(Exporter):
             await server.load_certificate(given.certificate_file)
             await server.load_private_key(given.key_file)
 
-    async def _build_load(self, name: str) -> None:
-        """Add the object of a load that a message has named."""
-        ua, space, title = self._asyncua.ua, self._space, f"AuxiliaryEnergy.{name}"
+    async def _build(self, server: Any) -> None:
+        space = self._space = await server.register_namespace(NAMESPACE)
+        types = server.nodes.base_object_type
+        self._kind = await types.add_object_type(space, "EnergyMeasurement")
+        self._place = await server.nodes.objects.add_object(space, self._robot)
+        await self._place.add_property(space, "SoftwareVersion", __version__)
+        for origin, (title, text) in OBJECTS.items():
+            held = [one for one in MEASUREMENTS if one.origin == origin]
+            await self._add_object(title, self._robot, text, held)
+
+    async def _add_object(
+        self, title: str, tag: str, origin: str, held: Sequence[Measurement]
+    ) -> None:
+        ua, space = self._asyncua.ua, self._space
         place = await self._place.add_object(
             ua.NodeId(f"{self._robot}.{title}", space),
             ua.QualifiedName(title, space),
             objecttype=self._kind.nodeid,
         )
-        await place.add_property(space, "ApplicationTag", f"{self._robot} {name}")
-        await place.add_property(space, "Origin", "load outside of the cabinet")
-        for one in self._loads[name]:
-            self._nodes[one] = await self._variable(place, space, title, one)
+        await place.add_property(space, "ApplicationTag", tag)
+        await place.add_property(space, "Origin", origin)
+        for one in held:
+            self._nodes[one] = await self._variable(place, title, one)
 
-    async def _build(self, server: Any) -> None:
-        ua = self._asyncua.ua
-        space = await server.register_namespace(NAMESPACE)
-
-        def name(browse: str) -> Any:
-            return ua.QualifiedName(browse, space)
-
-        kind = await server.nodes.base_object_type.add_object_type(space, "EnergyMeasurement")
-        self._kind, self._space = kind, space
-        robot = self._place = await server.nodes.objects.add_object(space, self._robot)
-        await robot.add_property(space, "SoftwareVersion", __version__)
-        for origin, (title, text) in OBJECTS.items():
-            place = await robot.add_object(
-                ua.NodeId(f"{self._robot}.{title}", space), name(title), objecttype=kind.nodeid
-            )
-            await place.add_property(space, "ApplicationTag", self._robot)
-            await place.add_property(space, "Origin", text)
-            for one in (one for one in MEASUREMENTS if one.origin == origin):
-                self._nodes[one] = await self._variable(place, space, title, one)
-
-    async def _variable(self, place: Any, space: int, title: str, one: Measurement) -> Any:
-        ua = self._asyncua.ua
+    async def _variable(self, place: Any, title: str, one: Measurement) -> Any:
+        ua, space = self._asyncua.ua, self._space
         kind = ua.VariantType.Double if one.double else ua.VariantType.Float
         node = await place.add_variable(
             ua.NodeId(f"{self._robot}.{title}.{one.name}", space),
@@ -324,7 +299,7 @@ class OpcUaExporter(Exporter):
             kind,
         )
         await node.write_value(self._value(one, (math.nan, "BadWaitingForInitialData", 0.0)))
-        number, symbol, words = one.unit
+        _, (number, symbol, words) = MEASURED_IN[one.topic]
         unit = ua.EUInformation(UNITS, number, ua.LocalizedText(symbol), ua.LocalizedText(words))
         await node.add_property(ua.NodeId(), ua.QualifiedName("EngineeringUnits", 0), unit)
         if one.number is not None:
@@ -334,8 +309,10 @@ class OpcUaExporter(Exporter):
     async def _write(self, values: dict[Measurement, tuple[float, str, float]]) -> None:
         async with self._writing:
             for one, value in values.items():
-                if one not in self._nodes:
-                    await self._build_load(one.load)
+                if one not in self._nodes:  # of a load that a message has named since
+                    title, tag = f"AuxiliaryEnergy.{one.load}", f"{self._robot} {one.load}"
+                    held = self._loads[one.load]
+                    await self._add_object(title, tag, "load outside of the cabinet", held)
                 await self._server.write_attribute_value(
                     self._nodes[one].nodeid, self._value(one, value)
                 )

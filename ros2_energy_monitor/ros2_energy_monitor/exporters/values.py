@@ -6,17 +6,19 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What is exported: names, units and what each value is, for every exporter alike."""
+"""What is exported, for every exporter alike: names, units, values, the newest messages."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 from robot_energy.foundation.units import ENERGY_UNITS, SECOND_NS
 from robot_energy.results.base import known
 from robot_energy.timeline.blocks import Phase
+from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
 
 MAX_JOINTS = 32  # that an exporter lists one by one
 
@@ -131,3 +133,59 @@ def state_name(load: Any) -> str | None:
 def stamp_of(stamp: Any) -> float:
     """Return a builtin_interfaces/Time as seconds since 1970. [s]"""
     return (stamp.sec * SECOND_NS + stamp.nanosec) / SECOND_NS
+
+
+@dataclass
+class Newest:
+    """The newest message of each topic.
+
+    Attributes:
+        stale_after: Age from which a message is no longer current. [s]
+    """
+
+    stale_after: float
+    _held: dict[Topic, tuple[Any, float]] = field(default_factory=lambda: {})
+
+    def take(self, topic: Topic, message: Any, now: float) -> None:
+        """Keep a message.
+
+        Args:
+            now: Steady time. [s]
+        """
+        self._held[topic] = (message, now)
+
+    def message(self, topic: Topic) -> Any:
+        """Return the newest message of a topic; None before the first."""
+        return self._held[topic][0] if topic in self._held else None
+
+    def is_current(self, topic: Topic, now: float) -> bool:
+        """Return whether a message of a topic came lately.
+
+        Args:
+            now: Steady time. [s]
+        """
+        return topic in self._held and now - self._held[topic][1] <= self.stale_after
+
+
+class Exporter(ABC):
+    """Hands the newest values to one system. Its methods never wait for the network."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Begin to connect or to serve."""
+
+    @abstractmethod
+    def publish(self, newest: Newest, now: float) -> None:
+        """Hand out what is new, or that nothing is current.
+
+        Args:
+            now: Steady time. [s]
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Say goodbye and disconnect."""
+
+    @abstractmethod
+    def check(self, found: StatusBuilder) -> None:
+        """Add how it goes to the diagnostics."""

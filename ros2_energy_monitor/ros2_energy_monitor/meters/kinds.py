@@ -6,7 +6,7 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Table of the kinds of links, and from a profile to a link."""
+"""Table of the kinds of links, from a profile to a link, and parameters of the driver."""
 
 from __future__ import annotations
 
@@ -16,12 +16,81 @@ from typing import Any
 
 from robot_energy.foundation.errors import KindError, MeterProfileError
 from robot_energy.foundation.kinds import Kind, Kinds
+from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE, LOCATIONS
+from robot_energy.inputs.parameters import parameter
 from ros2_energy_monitor.meters.http_link import HttpLink, HttpProfile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.modbus_link import ModbusLink, ModbusProfile
 from ros2_energy_monitor.meters.mqtt_link import MqttLink, MqttProfile
 from ros2_energy_monitor.meters.profile import MeterProfile, checked, read_document
 from ros2_energy_monitor.meters.sunspec_link import SunSpecLink, SunSpecProfile
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeterDriverParameters:
+    """Parameters of the meter driver."""
+
+    profile: str = parameter(
+        "Profile of the meter: name of a shipped one, such as siemens_pac2200, or a YAML file."
+    )
+    host: str = parameter("Name or address of the meter; for MQTT, of the broker.")
+    port: int = parameter("Its port; 0 for that of the profile.", 0, 0, 65535)
+    unit: int = parameter(
+        "Modbus unit (slave) identifier; -1 for that of the profile.", -1, -1, 255
+    )
+    device: str = parameter("Name of the meter in MQTT topics; unused otherwise.", "")
+    location: str = parameter(
+        "Where the meter sits: mains supply of the cabinet, or DC bus between rectifier "
+        "and drives.",
+        "grid",
+        choices=LOCATIONS,
+    )
+    sign: str = parameter(
+        "Sign of the power while the robot draws some.",
+        LOAD_POSITIVE,
+        choices=(LOAD_POSITIVE, LOAD_NEGATIVE),
+    )
+    scale: float = parameter(
+        "Factor on power and energy, as of a current transformer that the meter does not know [-].",
+        1.0,
+        1e-9,
+        1e9,
+    )
+    max_power: float = parameter(
+        "Highest plausible power: readings above it are refused, and a fall of the counter that "
+        "implies more is not a wrap [W].",
+        1e6,
+        1.0,
+        1e9,
+    )
+    period: float = parameter(
+        "Time from one request to the next; 0 for that of the profile [s].", 0.0, 0.0, 3600.0
+    )
+    timeout: float = parameter(
+        "Longest time for a connection, and for all answers of one reading [s].", 2.0, 0.05, 60.0
+    )
+    max_round_trip: float = parameter(
+        "Longest time from a request to its answer; the stamp is the middle of it, and slower "
+        "readings are refused [s].",
+        0.5,
+        0.001,
+        60.0,
+    )
+    max_backoff: float = parameter(
+        "Longest time between two attempts to connect [s].", 30.0, 0.5, 3600.0
+    )
+    credentials_file: str = parameter(
+        "YAML file, readable by its owner only, with username and password; empty for none.", ""
+    )
+    allow_plain_password: bool = parameter(
+        "Whether a password may be sent unencrypted to a host that is not this machine.", False
+    )
+    tls: bool = parameter("Whether the connection is encrypted (HTTP and MQTT).", False)
+    ca_file: str = parameter(
+        "File of certificates of the authority that signed that of the server; empty for those of "
+        "the system.",
+        "",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,10 +26,8 @@ from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import POWER_TOPIC, REGISTERS_TOPIC, best_effort
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, WARN, Reporter, StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Exporter, Newest
-from ros2_energy_monitor.exporters.kinds import EXPORTERS
-from ros2_energy_monitor.exporters.parameters import exporter_parameters
-from ros2_energy_monitor.exporters.values import Topic
+from ros2_energy_monitor.exporters.kinds import EXPORTERS, exporter_parameters
+from ros2_energy_monitor.exporters.values import Exporter, Newest, Topic
 
 TICK_PERIOD = 0.1  # [s]
 

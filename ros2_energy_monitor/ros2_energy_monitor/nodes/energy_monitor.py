@@ -10,14 +10,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages.friction import FrictionWriter
 from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
-from robot_energy.timeline.blocks import EffortMeaning, JointBlock
+from robot_energy.timeline.blocks import EffortMeaning
 from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
@@ -25,8 +24,8 @@ from ros2_energy_monitor.base.inputs import (
     temperature_ingest,
     temperature_inputs,
 )
+from ros2_energy_monitor.base.monitor_node import Change, PlayedRecording
 from ros2_energy_monitor.base.node_parameters import EnergyParameters
-from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
@@ -185,7 +184,14 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
                 )
             )
         if states:
-            self._joints(sum(map(len, states)), partial(self.ingest.step, states))
+            self._publish(
+                self.guard.feed(
+                    "joint_states",
+                    [(self.ingest.rejections, sum(map(len, states)))],
+                    lambda: self._pipeline.step(self.ingest.step(states)),
+                    self._restart,
+                )
+            )
 
     def deactivate(self) -> None:
         """Count and publish what still waits."""
@@ -203,19 +209,15 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
         )
         self.guard.run("meter", lambda: self._pipeline.step(meter=self._meter.flush()))
         self._loads.flush()
-        self._joints(0, self.ingest.flush)
-        self._publish(self.guard.run("joint_states", self._pipeline.flush, self._restart))
-
-    def _joints(self, arrived: int, take: Callable[[], JointBlock | None]) -> None:
-        """Let joint states go all their way, from messages to energy."""
         self._publish(
             self.guard.feed(
                 "joint_states",
-                [(self.ingest.rejections, arrived)],
-                lambda: self._pipeline.step(take()),
+                [(self.ingest.rejections, 0)],
+                lambda: self._pipeline.step(self.ingest.flush()),
                 self._restart,
             )
         )
+        self._publish(self.guard.run("joint_states", self._pipeline.flush, self._restart))
 
     def _restart(self) -> None:
         self.ingest.restart()

@@ -201,9 +201,6 @@ class EnergyRecorder(ManagedNode):
         if store is None:
             return
         store.write(time.time_ns(), newest)
-        for notice in store.notices:
-            self.get_logger().warning(notice)
-        store.notices.clear()
         if store.trouble != self._said:
             if store.trouble:
                 self.get_logger().error(store.trouble)

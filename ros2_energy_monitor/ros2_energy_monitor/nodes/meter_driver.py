@@ -37,9 +37,8 @@ from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.meter_driver import MeterDriverSource
 from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, Reporter, StatusBuilder
-from ros2_energy_monitor.meters.kinds import MeterLinkKind, load_profile
+from ros2_energy_monitor.meters.kinds import MeterDriverParameters, MeterLinkKind, load_profile
 from ros2_energy_monitor.meters.link import Endpoint
-from ros2_energy_monitor.meters.parameters import MeterDriverParameters
 from ros2_energy_monitor.meters.poller import Poller
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import NetworkReading, Quantity, ReadingFilter

@@ -36,8 +36,8 @@ from robot_energy.timeline.blocks import (
 )
 from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.monitor_node import Change, PlayedRecording
 from ros2_energy_monitor.base.node_parameters import PowerParameters
-from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
     FRICTION_DEPTH,
     FRICTION_TOPIC,
@@ -69,11 +69,11 @@ class PowerMonitor(AccountNode[PowerParameters]):
         settings = settings_of(self.parameters)
         self._torque = TorqueReader(self.model.joint_names, self.model.model_id, settings.max_gap)
         self._friction = FrictionReader(self.model)
-        condition = ConditionLearner(self.model, settings)
-        self._stage = PowerStage(self.model, settings, condition)
+        self._learner = ConditionLearner(self.model, settings)
+        self._stage = PowerStage(self.model, settings, self._learner)
         response, rest = MeterResponse.of(self.model), motor_rest(self.model)
         account = EnergyAccount(len(self.model.joints), settings, response, rest)
-        self.keep_account(account, condition)
+        self.keep_account(account, self._learner)
         depth = self.parameters.joint_torque_depth
         renew = self.parameters.resubscribe_after
         self.torques = Inbox(self, JointTorque, TORQUE_TOPIC, reliable(depth), renew_after=renew)
@@ -203,12 +203,12 @@ class PowerMonitor(AccountNode[PowerParameters]):
 
     def _use_friction(self, friction: FrictionBlock | None) -> None:
         if friction is not None:
-            self._stage.friction(friction)
+            self._stage.timeline.add(friction)
 
     def _use_meter(self, meter: MeterBlock | None) -> None:
         if meter is not None:
             self.account.measure(meter)
-            self._stage.measure(meter)
+            self._learner.measure(meter)
 
     def _use_torque(self, torque: TorqueBlock | None) -> MeanBlock | None:
         return None if torque is None else self._count(self._stage.step(torque))

@@ -24,9 +24,8 @@ from ros2_energy_msgs.msg import EnergyRegisters, JointPower, LoadEnergy, LoadPo
 
 from robot_energy.foundation.errors import CredentialsError, ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Newest
 from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters
-from ros2_energy_monitor.exporters.values import VALUES, Topic, exported
+from ros2_energy_monitor.exporters.values import VALUES, Newest, Topic, exported
 from ros2_energy_monitor.nodes.energy_exporter import EnergyExporter
 
 BASE = "robot_energy/kr16"
@@ -222,7 +221,7 @@ def test_what_found_no_room_goes_out_later(broker, subscriber, exporter, eventua
 WILL = """
 import sys, time
 from ros2_energy_msgs.msg import PowerState
-from ros2_energy_monitor.exporters.exporter import Newest
+from ros2_energy_monitor.exporters.values import Newest
 from ros2_energy_monitor.exporters.mqtt import MqttExporter, MqttParameters
 from ros2_energy_monitor.exporters.values import Topic
 out = MqttExporter(MqttParameters(port=int(sys.argv[1])), "kr16")

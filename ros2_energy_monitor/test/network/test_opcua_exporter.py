@@ -20,9 +20,8 @@ from ros2_energy_msgs.msg import EnergyRegisters, LoadEnergy, LoadPower, PowerSt
 
 from robot_energy.foundation.errors import CredentialsError, ExporterError
 from ros2_energy_monitor.diagnostics.reporter import StatusBuilder
-from ros2_energy_monitor.exporters.exporter import Newest
 from ros2_energy_monitor.exporters.opcua import NAMESPACE, OpcUaExporter, OpcUaParameters
-from ros2_energy_monitor.exporters.values import Topic
+from ros2_energy_monitor.exporters.values import Newest, Topic
 
 asyncua = pytest.importorskip("asyncua", reason="asyncua is not installed")
 ua = asyncua.ua

@@ -17,7 +17,7 @@ from robot_energy.accounting.account_record import carry_into, record_of, totals
 from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.accounting.exact_sum import ExactSum, SumMark
+from robot_energy.accounting.exact_sum import CountMark, ExactSum, SampleCounts, SumMark, greatest
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MeterResponse
@@ -38,7 +38,6 @@ from robot_energy.accounting.registers import (
     Registers,
     ShaftEnergySums,
 )
-from robot_energy.accounting.sample_counts import CountMark, SampleCounts, greatest
 from robot_energy.accounting.totals import Totals
 from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
@@ -176,7 +175,14 @@ class EnergyAccount:
         return list(zip(found.tolist(), ends.tolist(), strict=True))
 
     def _step(self, block: PowerBlock) -> MeanBlock | None:
-        before = self._counters()
+        before: _Counters = (
+            [*map(ExactSum.mark, (self.registers, self.shaft, self.comparison))],
+            self.counts.mark(),
+            self.shaft.compared_ns.copy(),
+            replace(self.registers.time),
+            self.comparison.compared_ns,
+            self.auxiliary.mark() if self.auxiliary is not None else None,
+        )
         try:
             means, compared = self._counted(block)
         except Exception:
@@ -186,19 +192,8 @@ class EnergyAccount:
             self.on_compared(compared)
         return means
 
-    def _counters(self) -> _Counters:
-        """All counters as they stand."""
-        return (
-            [*map(ExactSum.mark, (self.registers, self.shaft, self.comparison))],
-            self.counts.mark(),
-            self.shaft.compared_ns.copy(),
-            replace(self.registers.time),
-            self.comparison.compared_ns,
-            self.auxiliary.mark() if self.auxiliary is not None else None,
-        )
-
     def _take_back(self, counters: _Counters) -> None:
-        """Go back to what `_counters` gave; the time until the next sample is a gap."""
+        """Let all counters stand as before; the time until the next sample is a gap."""
         sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
         self.registers.time = time
         for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):

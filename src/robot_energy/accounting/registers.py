@@ -169,10 +169,14 @@ class HeldIntegrator:
     """Integrates held rows over the observed time by trapezoids, from where each begins.
 
     A row is complete once the next one begins, so the cutting of the input makes no difference.
+
+    Attributes:
+        open_ns: Where the row began that is not complete, after the first sample. [ns]
     """
 
     def __init__(self) -> None:
         self._open: _Open | None = None
+        self.open_ns = 0
 
     def step(self, block: PowerBlock, duration_ns: Int) -> HeldEnergies | None:
         """Return what becomes complete with these power samples, if anything.
@@ -194,7 +198,7 @@ class HeldIntegrator:
         self._open = _Open(
             int(stamp[-1]), int(phase[-1]), int(passed[-1] - passed[last]), values[-1]
         )
-        time = upto[1:] - upto[:-1]
+        self.open_ns, time = self._open.stamp_ns, upto[1:] - upto[:-1]
         if before is not None:
             stamp = np.concatenate([[before.stamp_ns], stamp])
             phase = np.concatenate([np.array([before.phase], dtype=np.uint8), phase])
@@ -207,11 +211,6 @@ class HeldIntegrator:
         return HeldEnergies(stamp[:-1], phase[:-1], time, energy)
 
     @property
-    def open_ns(self) -> int:
-        """Where the row began that is not complete, after the first sample. [ns]"""
-        return 0 if self._open is None else self._open.stamp_ns
-
-    @property
     def open_energy(self) -> Float | float:
         """Its integral so far, shape (K,). [J]"""
         row = self._open
@@ -219,7 +218,7 @@ class HeldIntegrator:
 
     def interrupt(self) -> None:
         """Drop the row that is not complete."""
-        self._open = None
+        self._open, self.open_ns = None, 0
 
 
 class Registers(ExactSum):

@@ -92,7 +92,7 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
     """
     if len(values) != like.size:
         raise StateFileError(
-            f"learned figures with {len(values)} numbers in one array", f"{like.size}"
+            f"a kept state with {len(values)} numbers in one array", f"{like.size}"
         )
     return np.array(values, dtype=like.dtype).reshape(like.shape)
 

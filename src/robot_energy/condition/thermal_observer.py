@@ -84,7 +84,7 @@ class ThermalObserver:
         joints = model.joints
         self._networks = np.array([on and joint.thermal is not None for joint in joints])
         self.geared = np.array([on and joint.gear is not None for joint in joints])
-        self._own = self._networks | self.geared
+        self._own = self._networks | self.geared | self.geared.any()
         self.on = bool(self._own.any())
         n_joints = len(joints)
         self.degc = np.full(n_joints, np.nan)
@@ -167,10 +167,9 @@ class ThermalObserver:
                 _put((degc, viscous, std, shared), of_motors, estimated)
         if not self.geared.any():
             return degc, degc
-        waiting = self.geared & ~self.gears
-        if waiting.any():  # the motor is known, not how warm its gear is
-            unknown = self._viscous_share * viscous
-            unknown[:, ~waiting] = 0.0
+        if not self.gears.all():  # the motor is known, not how warm its gear is
+            unknown = self._unknown_share * viscous
+            unknown[:, self.gears] = 0.0
             unknown[np.isnan(degc)] = 0.0
             for values in (std, shared):
                 np.hypot(values, unknown, out=values)
@@ -202,16 +201,12 @@ class ThermalObserver:
 
     def restore(self, record: ThermalRecord) -> None:
         """Continue from a record."""
-        sizes = len(record.state), len(record.covariance)
-        state = self._filter
-        fits = sizes == (state.x.size, state.covariance.size)
-        if record.model_id != self._model.model_id or not fits:
+        if record.model_id != self._model.model_id:
             raise StateFileError(
                 f"temperatures of model {record.model_id}", f"model {self._model.model_id}"
             )
-        state.x = filled(record.state, state.x)
-        state.covariance = filled(record.covariance, state.covariance)
-        state.begun[:] = True
+        state = self._filter
+        state.go_on(filled(record.state, state.x), filled(record.covariance, state.covariance))
         self.end_ns, self._window = record.end_ns, None
         self._publish()
 
@@ -231,12 +226,13 @@ class ThermalObserver:
         state.work(drive, friction)
         reading = np.where(self.stuck, np.nan, self._reading)[self._own]
         new = ~np.isnan(reading) & (reading != self._used)
-        first = new & np.isnan(self._used) & state.has_gear
+        first = new & np.isnan(self._used)
         self._used = np.where(new, reading, self._used)
+        before = state.x[:, MOTOR].copy()
         state.correct(MOTOR, reading, np.where(new & state.networks, SENSOR_STD**2, np.inf))
         state.take_sensed(reading, ~np.isnan(reading) & ~state.networks)
         if first.any():
-            state.begin_gears(first)
+            state.begin_gears(first, before)
         torque = bool(np.isfinite(self._columns("motor_torque_measured")).any())
         if torque and (np.isnan(reading).any() or state.has_gear.any()):
             self._correct_by_friction(elapsed, np.isnan(reading))
@@ -251,7 +247,7 @@ class ThermalObserver:
         """Correct gears, and motors without a gear and without a reading, by measured torque."""
         state = self._filter
         place = np.where(state.gears, GEAR, MOTOR)
-        used = state.gears | (unread & ~state.has_gear)
+        used = state.gears | (unread & state.networks & ~state.has_gear)
         state.correct(place, *self._by_friction(elapsed, used, place))
 
     def _correct_by_meter(self, torque: bool) -> None:
@@ -340,6 +336,11 @@ class ThermalObserver:
         odd = off**2 > MAX_ODDITY**2 * (variance + alone)
         return now + off, np.where(says & ~odd, alone * FRICTION_WINDOWS, np.inf)
 
+    def _spread(self, degc: Float, std: Float) -> Float:
+        """Deviation of fv by that of the temperature, shape (n,). [N m s/rad]"""
+        colder, warmer = (self._friction.viscous(degc + way * std) for way in (-1.0, 1.0))
+        return 0.5 * np.abs(colder - warmer)
+
     def _whole(self, values: Float) -> Float:
         """Values of the estimated motors at their places; the others at the ambient."""
         whole = np.full(len(self._own), self._filter.ambient_degc)
@@ -359,11 +360,13 @@ class ThermalObserver:
         self.friction_degc[self._own] = friction_degc
         self.friction_std[self._own] = np.where(state.gears, left, std)
         degc = self._whole(friction_degc)
-        spread = np.where(self._own, self.friction_std, 0.0)
+        spread, unknown = np.zeros((2, len(self._own)))
+        spread[self._own] = self.friction_std[self._own]
+        unknown[self._own] = np.where(state.others, state.std(GEAR), self.friction_std[self._own])
         viscous = self._friction.viscous(degc)
-        colder, warmer = (self._friction.viscous(degc + way * spread) for way in (-1.0, 1.0))
-        viscous_spread = 0.5 * np.abs(colder - warmer)  # that comes from ``friction_std``
-        self._viscous_share = viscous_spread / np.where(viscous > 0.0, viscous, 1.0)
+        viscous_spread = self._spread(degc, spread)
+        whole = np.where(viscous > 0.0, viscous, 1.0)
+        self._unknown_share = self._spread(degc, unknown) / whole
         self._extrapolated = bool((self._friction.extrapolated(degc) & self.gears).any())
         total, shared = self._certainty.std(self.friction_degc)
         self._followed = (

@@ -1,7 +1,10 @@
 """Temperatures of motor and gear of each joint and their covariance: one Kalman filter per joint.
 
 The state is the temperature of motor, structure and ambient, the factor on the heat of the losses
-and the temperature of the gear.
+and the temperature of the gear. Recordings may show the gears of some joints and not those of
+others, whose friction then follows the motor. There the last state is how much warmer the gear was
+than its motor when the motor was first read. What recordings do not show is not identified: that
+difference is 0 with a deviation, and fades as slowly as the slowest gear that is known.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ GEAR_START_STD = 1.0  # K of a gear against its motor where the motor is as warm
 GEAR_START_SHARE = 0.3  # ... and of the motor above the air: one may have worked longer ago
 SENSED_DRIFT = 20.0  # K per root hour, of a motor without a network, which its sensor measures
 COOLING = 1500.0  # s, in which such a motor cools while nothing comes
+LEAST = 1e-3  # K above the air, which no rest takes away
 SECONDS_PER_HOUR = 3600.0
 MOTOR, STRUCTURE, AMBIENT, HEAT, GEAR = range(5)
 
@@ -43,10 +47,10 @@ class ThermalState:
         gear: Of the gears.
         x: Shape (count, 5).
         covariance: Shape (count, 5, 5).
-        has_gear: Shape (count,).
+        has_gear: Whose gear the model has, shape (count,).
         networks: Whose motor has a network, shape (count,).
         begun: Whose gear is known, shape (count,): at once by a network, else by the first reading
-            of the motor.
+            of the motor. Where the model has none, whose difference has a deviation.
     """
 
     def __init__(
@@ -58,8 +62,10 @@ class ThermalState:
         self._heat = MotorHeat.of(thermal)
         self._step = self._heat.step(WINDOW)
         self._resting = MotorHeat.of(thermal, COOLING)
+        self.has_gear = np.array([entry is not None for entry in gears])
         self.gear = GearHeat.of(gears)
-        self.has_gear = np.isfinite(self.gear.time)
+        known = self.gear.time[self.has_gear]
+        self._fading = self.gear.time if not len(known) else np.fmin(self.gear.time, known.max())
         self.networks = np.array([entry is not None for entry in thermal])
         self._drift = np.array(
             [
@@ -78,12 +84,31 @@ class ThermalState:
         start = spread**2 * np.outer(alike, alike) + START_STD**2 * np.outer(above, above)
         start[HEAT, HEAT] = HEAT_STD**2
         self.covariance: Float = np.tile(start, (count, 1, 1))
-        self.begun = self.networks.copy()
+        self.begun = self.networks & self.has_gear
+        self._kept = False
+        self._without = ~self.has_gear & self.has_gear.any()
+        self.x[self._without, GEAR] = 0.0
+        self.covariance[self._without, GEAR, :] = self.covariance[self._without, :, GEAR] = 0.0
+
+    def go_on(self, x: Float, covariance: Float) -> None:
+        """Go on from an earlier state.
+
+        Args:
+            x: Shape (count, 5).
+            covariance: Shape (count, 5, 5).
+        """
+        self.x, self.covariance, self._kept = x, covariance, True
+        self.begun[:] = True
 
     @property
     def gears(self) -> NDArray[np.bool_]:
         """Whose friction follows the temperature of the gear, shape (count,)."""
         return self.has_gear & self.begun
+
+    @property
+    def others(self) -> NDArray[np.bool_]:
+        """Whose gear may be warmer or colder than the motor that friction follows, (count,)."""
+        return self.begun & self._without
 
     def std(self, place: int) -> Float:
         """Return the deviation of a temperature of each joint, shape (count,). [K]"""
@@ -119,38 +144,54 @@ class ThermalState:
         self.covariance[sensed, MOTOR, :] = self.covariance[sensed, :, MOTOR] = 0.0
         self.covariance[sensed, MOTOR, MOTOR] = SENSOR_STD**2
 
-    def begin_gears(self, first: NDArray[np.bool_]) -> None:
+    def begin_gears(self, first: NDArray[np.bool_], before: Float) -> None:
         """Let gears begin at the temperature of their motors, now that it is known.
+
+        After a restart they go on where they were, unless a motor is warmer or colder than the time
+        since then has left it: then something else has warmed it.
 
         Args:
             first: Whose motor has its first reading, shape (count,).
+            before: Temperatures of the motors as estimated without it, shape (count,). [degC]
         """
-        started = first & ~self.begun
+        if not self.has_gear.any():
+            return
+        started = first & self.has_gear & ~self.begun
         self.begun |= first
         self.x[started, GEAR] = self.x[started, MOTOR]
         self.covariance[started, GEAR, :] = self.covariance[started, MOTOR, :]
         self.covariance[started, :, GEAR] = self.covariance[started, :, MOTOR]
         self.covariance[started, GEAR, GEAR] = self.covariance[started, MOTOR, MOTOR]
-        above = np.abs(self.x[:, MOTOR] - self.x[:, AMBIENT])
-        own = (GEAR_START_STD + GEAR_START_SHARE * above) ** 2
+        expected = before if self._kept else self.x[:, AMBIENT]
+        off = GEAR_START_SHARE * np.abs(self.x[:, MOTOR] - expected)
+        own = (off if self._kept else GEAR_START_STD + off) ** 2
         self.covariance[first, GEAR, GEAR] += own[first]
 
     def cool(self, duration_ns: int) -> None:
-        """Move on by a time without samples and without heat."""
+        """Move on by a time without samples and without heat.
+
+        How fast gears cool is not well known: ``dT = share (T - T_a) ln((T_0 - T_a) / (T - T_a))``,
+        which is most after one time constant and fades with the warmth itself.
+        """
         duration = duration_ns * NANOSECOND
         if duration <= 0:
             return
         count = len(self.x)
         none = np.zeros((count, 3))
-        heat, before = self._resting, self.x[:, GEAR].copy()
+        heat, followed = self._resting, np.where(self.has_gear, GEAR, MOTOR)
+        rows = np.arange(count)
+        before = self.x[rows, followed] - self.x[:, AMBIENT]
         windows, rest = divmod(duration_ns, WINDOW_NS)
         for length, times in ((WINDOW, int(windows)), (rest * NANOSECOND, int(rest > 0))):
             if times:
                 slope, _ = self._window_of(heat, heat.step(length), length, none, none[:, :2])
                 slope = np.linalg.matrix_power(slope, times)
                 self._advance(slope, np.zeros((count, 5)), length * times)
-        change = GEAR_START_SHARE * (self.x[:, GEAR] - before)
-        self.covariance[:, GEAR, GEAR] += np.where(self.has_gear, change**2, 0.0)
+        if self.has_gear.any():
+            left = self.x[rows, followed] - self.x[:, AMBIENT]
+            first, last = (np.maximum(np.abs(above), LEAST) for above in (before, left))
+            off = GEAR_START_SHARE * last * np.log(first / last)
+            self.covariance[:, GEAR, GEAR] += off**2
 
     def _window_of(
         self, heat: MotorHeat, step: tuple[Float, Float], duration: float, worked: Float,
@@ -165,11 +206,12 @@ class ThermalState:
         slope[:, :2, HEAT] = (gain @ worked[:, :2, None])[..., 0]
         added[:, :2] = (gain @ idle[..., None])[..., 0]
         gear = self.gear
-        kept = np.exp(-duration / gear.time)
+        kept = np.exp(-duration / self._fading)
         to_motor = 0.5 * (1.0 - kept) * gear.to_motor
         slope[:, GEAR] = to_motor[:, None] * slope[:, MOTOR]
         slope[:, GEAR, MOTOR] += to_motor
-        slope[:, GEAR, AMBIENT] += (1.0 - kept) * (1.0 - gear.to_motor)
+        to_air = np.where(self.has_gear, (1.0 - kept) * (1.0 - gear.to_motor), 0.0)
+        slope[:, GEAR, AMBIENT] += to_air
         slope[:, GEAR, GEAR] = kept
         added[:, GEAR] = (1.0 - kept) * gear.per_watt * worked[:, 2] + to_motor * added[:, MOTOR]
         return slope, added

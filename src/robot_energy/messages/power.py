@@ -15,7 +15,8 @@ from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import MeterLocation, known_part, sum_over_joints
 
 POWER_STATE = "ros2_energy_msgs/msg/PowerState"
-LOAD_KINDS = {"state": np.int16, "remarks": np.uint8}  # of fields that are not float64
+LOADS = tuple(f"auxiliary.{name}" for name in COLUMNS)
+LOAD_KINDS = {"auxiliary.state": np.int16, "auxiliary.remarks": np.uint8}  # not float64
 
 
 class PowerStateWriter:
@@ -49,7 +50,10 @@ class PowerStateWriter:
         rigid, friction, loss = power["rigid"], power["friction"], power["drive_loss"]
         shaft, lacking = rigid + friction, self._unmodelled
         shown_loss = known_part("drive_loss", loss, lacking)
-        predicted = block.predicted_power
+        predicted = power["grid_import"] - power["grid_return"]
+        loads = dict(zip(LOADS, np.moveaxis(block.loads, 2, 0), strict=True))
+        for name, kind in LOAD_KINDS.items():
+            loads[name] = loads[name].astype(kind)
         return self._encoder.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -78,7 +82,7 @@ class PowerStateWriter:
                 "capacitor_power": known_part("capacitor", power["capacitor"], lacking),
                 "returned_power": power["grid_return"],
                 "payload_mass": block.payload_mass,
-                "outlet_power": predicted + block.loads[:, :, COLUMNS.index("power")].sum(axis=1),
+                "outlet_power": predicted + loads["auxiliary.power"].sum(axis=1),
                 "joints.motor_velocity": block.motor_velocity,
                 "joints.motor_torque": block.motor_torque,
                 "joints.motor_torque_measured": block.motor_torque_measured,
@@ -91,12 +95,7 @@ class PowerStateWriter:
                 "joints.motor_temperature_degc": block.motor_temperature_degc,
                 "joints.coulomb": block.coulomb,
                 "joints.viscous": block.viscous,
-                **{
-                    f"auxiliary.{name}": block.loads[:, :, place].astype(
-                        LOAD_KINDS.get(name, np.float64)
-                    )
-                    for place, name in enumerate(COLUMNS)
-                },
+                **loads,
             },
             len(block),
         )

@@ -14,9 +14,8 @@ from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
 from robot_energy.messages.fields import FRAME, RECORDING
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
-from robot_energy.timeline.epochs import EpochRun, Reach
-from robot_energy.timeline.stamps import BY_PERIOD, StampOrder, newer, valid_stamps
-from robot_energy.timeline.streams import OLDER
+from robot_energy.timeline.stamps import BY_PERIOD, OLDER, StampOrder, newer, valid_stamps
+from robot_energy.timeline.streams import EpochRun, Reach
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (

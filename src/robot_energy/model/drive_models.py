@@ -110,10 +110,10 @@ class DriveModel(Kind):
         physics: Makes a `robot_energy.physics.drive.Drive` of the entries of all joints.
         constant_loss: Loss of an entry that flows whether the drive moves or not. [W]
         lossless: Whether drive losses are missing from the energy.
-        deviation: Makes a `robot_energy.certainty.deviation.DriveDeviation` of the entries of
-            all joints; None for a share of the loss.
-        loss_deviations: Makes a `robot_energy.certainty.deviation.LossDeviations` of the entries
-            of all joints: what the error of each figure alone does; None: a share of the loss.
+        deviation: Makes a `robot_energy.certainty.figure_deviations.DriveDeviation` of the entries
+            of all joints; None for a share of the loss.
+        loss_deviations: Makes a `robot_energy.certainty.figure_deviations.LossDeviations` of the
+            entries of all joints: what the error of each figure alone does; None: a share of it.
         in_identity: Whether the identity of a model counts an absent entry too, as it does
             for the first kinds there were.
         fitted: Makes an entry from what was identified of one axis, a
@@ -171,8 +171,8 @@ DRIVE_MODELS = Kinds(
         key="losses",
         entry=LossDrive,
         physics=Part("robot_energy.physics.drive:LossModel"),
-        deviation=Part("robot_energy.certainty.deviation:loss_model_deviation"),
-        loss_deviations=Part("robot_energy.certainty.deviation:loss_model_deviations"),
+        deviation=Part("robot_energy.certainty.figure_deviations:loss_model_deviation"),
+        loss_deviations=Part("robot_energy.certainty.figure_deviations:loss_model_deviations"),
         fitted=Part("robot_energy_identify.drives.losses:fitted_losses"),
         way="losses",
         in_identity=True,
@@ -181,7 +181,7 @@ DRIVE_MODELS = Kinds(
             ("constant", "constant loss", "W"),
             ("copper", "copper loss", "W/(N m)^2"),
             ("linear", "linear loss", "W s/rad"),
-            ("quadratic", "quadratic loss", "W s2/rad2"),
+            ("quadratic", "quadratic loss", "W s^2/rad^2"),
         ),
     ),
     DriveModel(

@@ -178,7 +178,9 @@ class Joint(ModelEntry):
         "Thermal network of the motor, for its temperature where no sensor measures it.",
     ] = None
     gear: Annotated[
-        JointGear | None, "Temperature of the gear; absent: friction follows the motor temperature."
+        JointGear | None,
+        "Temperature of the gear; absent: friction follows the motor temperature, less surely "
+        "where other joints have one.",
     ] = None
     losses: Annotated[LossDrive | None, "For the drive model ``loss_model``."] = None
     efficiency_map: Annotated[EfficiencyMap | None, "For the drive model ``efficiency_map``."] = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -415,6 +415,19 @@ class RobotModel(ModelEntry, Shown):
             }
             entries["covariance"] = self.covariance.of(kept)
         return self.model_copy(update=entries).with_urdf(self._urdf_xml, self._source)
+
+    def with_joints(self, entry: str, found: Mapping[str, object]) -> RobotModel:
+        """Return a copy with one entry of some joints changed.
+
+        Args:
+            entry: Its name.
+            found: Its new values, already validated, by the names of the joints.
+        """
+        joints = [
+            joint.model_copy(update={entry: found[joint.name]}) if joint.name in found else joint
+            for joint in self.joints
+        ]
+        return self.changed(joints=joints)
 
     def _figures_together(self) -> dict[str, object]:
         """The figures that a covariance may hold, by their names in it."""

@@ -183,7 +183,12 @@ class Derivative:
         quality = buffer.quality[rows].copy()
         velocity = buffer.joint_velocity
         if too_few is None:
-            acceleration = self._slope(buffer, start, stop)
+            window, acceleration = self._short, np.empty((velocity.shape[1], stop - start)).T
+            if kernels.compiled is None or not kernels.compiled.slopes(
+                buffer.stamp_ns, np.asfortranarray(velocity), acceleration, start, window.behind_ns,
+                window.ahead_ns, self._least_behind, self._least_ahead, window.scale,
+            ):  # fmt: skip
+                acceleration = self._fit(buffer, start, stop, window).slope(velocity)
             velocity = velocity[rows]
         else:
             too_few, missing = too_few[: stop - start], ~measured
@@ -203,19 +208,6 @@ class Derivative:
             joint_acceleration=acceleration,
             joint_effort=buffer.joint_effort[rows],
         )
-
-    def _slope(self, buffer: JointBlock, start: int, stop: int) -> Float:
-        """Return the slope of velocities that are all measured, shape (rows, n)."""
-        velocity, window = buffer.joint_velocity, self._short
-        if kernels.compiled is not None:
-            slope = np.empty((velocity.shape[1], stop - start)).T
-            done = kernels.compiled.slopes(
-                buffer.stamp_ns, np.asfortranarray(velocity), slope, start, window.behind_ns,
-                window.ahead_ns, self._least_behind, self._least_ahead, window.scale,
-            )  # fmt: skip
-            if done:
-                return slope
-        return self._fit(buffer, start, stop, window).slope(velocity)
 
     def _filled(
         self,

@@ -98,20 +98,16 @@ class EnergyPipeline:
         """
         torque = None
         if joints is not None:
-            torque = self.torque.plan(joints) if planned else self._gather(joints)
+            if planned:
+                torque = self.torque.plan(joints)
+            elif len(joints):
+                self._waiting.append(joints)
+                newest = self.torque.newest_ns = int(joints.stamp_ns[-1])
+                done = self._done_ns
+                if done is None or not 0 <= newest - done < TOGETHER_NS:  # enough, or a jump
+                    waiting, self._waiting, self._done_ns = self._waiting, [], newest
+                    torque = self.torque.step(JointBlock.concatenate(waiting))
         return self.advance(torque, temperatures, meter)
-
-    def _gather(self, joints: JointBlock) -> TorqueBlock | None:
-        """Compute torques, if there is enough for a step or the stamps have jumped."""
-        if not len(joints):
-            return None
-        self._waiting.append(joints)
-        newest = self.torque.newest_ns = int(joints.stamp_ns[-1])
-        if self._done_ns is not None and 0 <= newest - self._done_ns < TOGETHER_NS:
-            return None
-        self._done_ns = newest
-        waiting, self._waiting = self._waiting, []
-        return self.torque.step(JointBlock.concatenate(waiting))
 
     def advance(
         self,
@@ -131,10 +127,10 @@ class EnergyPipeline:
         """
         friction = self.friction.step(temperatures) if temperatures is not None else None
         if friction is not None:
-            self.power.friction(friction)
+            self.power.timeline.add(friction)
         if meter is not None:
             self.account.measure(meter)
-            self.power.measure(meter)
+            self.condition.measure(meter)
         power = self.power.step(torque) if torque is not None else None
         means = self.account.step(power) if power is not None else None
         return Output(torque, friction, power, means, meter, temperatures)

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, Float, FrictionBlock, Int, differences
-from robot_energy.timeline.epochs import SLOW_NS
-from robot_energy.timeline.stamps import first_needed, held_rows
+from robot_energy.timeline.streams import SLOW_NS
 
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own
@@ -50,7 +49,11 @@ class FrictionTimeline:
         return len(self._line) + (0 if self._before is None else len(self._before))
 
     def add(self, block: FrictionBlock) -> None:
-        """Take rows in order of arrival, without those of stamp zero (before any temperature)."""
+        """Take rows in order of arrival, without those of stamp zero (before any temperature).
+
+        They are known already; a restarted friction monitor repeats them, which must not undo what
+        came later.
+        """
         block = block[block.stamp_ns != 0]
         if not len(block):
             return
@@ -102,7 +105,8 @@ class FrictionTimeline:
         Args:
             stamp_ns: Of torques of one epoch, rising, shape (N,), N >= 1. [ns]
         """
-        line, row = self._line, held_rows(self._line.stamp_ns, stamp_ns)
+        line = self._line
+        row = np.searchsorted(line.stamp_ns, stamp_ns, side="right") - 1
         refuted = self._before is not None
         if self._alone_ns is not None:
             alone = int(np.searchsorted(stamp_ns, self._alone_ns + ALONE_NS, side="right"))
@@ -121,7 +125,11 @@ class FrictionTimeline:
         part = self._part[3]
         row -= first
         self._used = part if first == last else part[slice(int(row[-1]), int(row[-1]) + 1)]
-        self._prune(int(stamp_ns[0]) - HISTORY_NS)
+        oldest_ns = int(stamp_ns[0]) - HISTORY_NS  # rows that ended before it are forgotten
+        needed = int(np.searchsorted(self._line.stamp_ns, oldest_ns, side="right")) - 1
+        if needed > 1:
+            kept = [self._line[slice(0, 1)], self._line[slice(needed, None)]]
+            self._line = FrictionBlock.concatenate(kept)
         return part, row
 
     def _begun(
@@ -152,7 +160,7 @@ class FrictionTimeline:
 
     def _chosen(self, before: FrictionBlock, stamp_ns: Int, row: Int) -> tuple[FrictionBlock, Int]:
         """Choose between the line that friction has left and the one it is on."""
-        earlier = held_rows(before.stamp_ns, stamp_ns)
+        earlier = np.searchsorted(before.stamp_ns, stamp_ns, side="right") - 1
         reached, left = self._line.stamp_ns[row], before.stamp_ns[earlier]
         coming = before.stamp_ns[np.minimum(earlier + 1, len(before) - 1)]
         ended = (coming == left) | (coming - stamp_ns > HISTORY_NS)
@@ -169,13 +177,6 @@ class FrictionTimeline:
             return self._line, row
         whole = FrictionBlock.concatenate([before, self._line])
         return whole, np.where(moved, row + len(before), earlier)
-
-    def _prune(self, oldest_ns: int) -> None:
-        """Forget rows far behind the torques, but for the one valid there."""
-        line = self._line
-        needed = first_needed(line.stamp_ns, oldest_ns)
-        if needed > 1:
-            self._line = FrictionBlock.concatenate([line[slice(0, 1)], line[slice(needed, None)]])
 
 
 class FallbackUse:

@@ -31,7 +31,6 @@ from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
     Float,
-    FrictionBlock,
     HeldRows,
     Int,
     MeterBlock,
@@ -232,6 +231,7 @@ class PowerStage:
     does not depend on the order in which topics were delivered.
 
     Attributes:
+        timeline: Takes friction coefficients, each row valid from its stamp onward.
         watch: Which temperatures are stuck; they are flagged, and stay in use where ``condition``
             has no estimate, as the motor is at least as warm.
         fallback_use: How many samples had to do without a temperature, and why.
@@ -248,7 +248,7 @@ class PowerStage:
         stale_after = NEVER if self._assumed else min(model.temperature.stale_after, NEVER)
         self._stale_ns = round(stale_after / NANOSECOND)
         self._wait_ns = round(settings.temperature_wait / NANOSECOND)
-        self._timeline = FrictionTimeline(FrictionStage(model).initial())
+        self.timeline = FrictionTimeline(FrictionStage(model).initial())
         self._last_ns: int | None = None  # newest torque that was released
         columns = len(CABINET_DEVIATIONS) + len(JOINT_DEVIATIONS) * len(model.joints)
         self._held: Float = np.zeros((1, columns))  # deviations that hold
@@ -257,23 +257,6 @@ class PowerStage:
         self.fallback_use = FallbackUse(model.temperature.fallback_degc)
         self._fallback_shared_std = FrictionCertainty(model).fallback_shared_std
         self._condition = condition
-
-    def friction(self, block: FrictionBlock) -> None:
-        """Take friction coefficients, each row valid from its stamp onward.
-
-        Rows of stamp zero, what holds before any temperature, are known here already; a
-        restarted friction monitor repeats them, which must not undo what came later.
-        """
-        self._timeline.add(block)
-
-    def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter, to learn from."""
-        self._condition.measure(block)
-
-    @property
-    def friction_rows(self) -> int:
-        """Rows of friction that are kept for later torques."""
-        return self._timeline.rows
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
         """Return the power at torques that have settled; None while every sample still waits."""
@@ -317,7 +300,7 @@ class PowerStage:
                 parts.append(self._power(block[slice(start, stop)] if cuts else block))
             if stop in jumps:
                 self._slot = NO_SLOT
-                self._timeline.jump_back(int(stamp[stop]))
+                self.timeline.jump_back(int(stamp[stop]))
         return PowerBlock.concatenate(parts)
 
     @np.errstate(invalid="ignore", over="ignore")  # bad samples become NaN, nothing else
@@ -426,7 +409,7 @@ class PowerStage:
         These are the readings, NaN where missing or stale; the same or estimates; and what
         friction follows.
         """
-        line, row = self._timeline.at(stamp_ns)
+        line, row = self.timeline.at(stamp_ns)
         seen = line.temperature_stamp_ns
         coulomb, viscous, std, shared, reading = map(
             partial(taken, rows=row),
@@ -448,5 +431,5 @@ class PowerStage:
             reading = np.where(stale, np.nan, reading)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         degc, friction_degc = self._condition.estimate(reading, viscous, std, shared, quality)
-        self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self._timeline)
+        self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self.timeline)
         return coulomb, viscous, std, shared, reading, degc, friction_degc

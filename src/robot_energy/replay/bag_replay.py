@@ -26,7 +26,7 @@ from robot_energy.inputs.bag_topics import (
     find_temperatures,
     topics_of_other_robots,
 )
-from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
+from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED, RecordedTime
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.sources import JointStateSource
@@ -155,6 +155,7 @@ def replay(
             effort=settings.effort is not EffortMeaning.NONE,
             source=setup.states or (JointStateSource() if inputs is None else inputs.joint_states),
             max_gap=settings.max_gap,
+            recorded=RecordedTime(),
         ),
         temperatures=temperatures,
         meter=meter,
@@ -341,7 +342,7 @@ def _require_prediction(result: Replay) -> None:
 def _cover_recording(result: Replay) -> None:
     """Let the account span all that was recorded: what was refused at either end is a gap."""
     time, ingest = result.account.registers.time, result.joint_states
-    if time.start_ns is not None and time.end_ns is not None:
+    if time.start_ns is not None and time.end_ns is not None and ingest.recorded is not None:
         longest = ingest.order.longest_gap_ns
         ends = ingest.recorded.unused_ns(time.start_ns, time.end_ns)
         time.surround(*(unused if unused > longest else 0 for unused in ends))

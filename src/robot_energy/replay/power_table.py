@@ -22,30 +22,20 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.time_series import TimeSeries
 
 UNITS = {
-    "predicted_grid_power": "W",
-    "predicted_power_std": "W",
-    "measured_power": "W",
-    "predicted_power_at_meter": "W",
-    "residual_power": "W",
-    "bus_power": "W",
-    "rigid_power": "W",
-    "friction_power": "W",
-    "drive_loss": "W",
-    "loss_dc": "W",
-    "loss_grid": "W",
-    "brake_power": "W",
-    "capacitor_power": "W",
-    "phase": "",
-    "quality": "",
-    "joint_shaft_power": "W",
-    "joint_rigid_power": "W",
-    "joint_friction_power": "W",
-    "joint_drive_loss": "W",
-    "joint_shaft_power_measured": "W",
-    "motor_velocity": "rad/s",
-    "motor_torque": "N m",
-    "motor_temperature_degc": "degC",
-    "viscous_friction": "N m s/rad",
+    name: unit
+    for unit, names in (
+        ("W", "predicted_grid_power predicted_power_std measured_power predicted_power_at_meter"),
+        ("W", "residual_power bus_power rigid_power friction_power drive_loss loss_dc loss_grid"),
+        ("W", "brake_power capacitor_power"),
+        ("", "phase quality"),
+        ("W", "joint_shaft_power joint_rigid_power joint_friction_power joint_drive_loss"),
+        ("W", "joint_shaft_power_measured"),
+        ("rad/s", "motor_velocity"),
+        ("N m", "motor_torque"),
+        ("degC", "motor_temperature_degc"),
+        ("N m s/rad", "viscous_friction"),
+    )
+    for name in names.split()
 }
 WHOLE: dict[str, Any] = {"phase": np.uint8, "quality": np.uint32}  # columns without a fraction
 MEASURED = ("measured_power", "predicted_power_at_meter", "residual_power")

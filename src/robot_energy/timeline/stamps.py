@@ -1,4 +1,4 @@
-"""Stamps: which are in range, which are new, and where the time between two is a gap.
+"""Stamps: which are in range, in order and new, and where the time between two is a gap.
 
 ``builtin_interfaces/Time`` holds seconds as int32 and nanoseconds as uint32, so a message
 can carry stamps that no message can carry again: nanoseconds beyond one second, and
@@ -8,14 +8,19 @@ refused where it enters, so that nothing behind the entry has to test it again.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.timeline.blocks import NANOSECOND, Int, differences
+from robot_energy.timeline.blocks import NANOSECOND, Block, Int, differences
+
+if TYPE_CHECKING:
+    from robot_energy.timeline.streams import EpochSplitter
 
 MIN_STAMP_NS = 0  # 1970-01-01; zero itself means "not set" and has its own reason
 # A day before the int32 seconds of builtin_interfaces/Time end: deadlines and periods that
@@ -27,6 +32,7 @@ INVALID_STAMP_NS = -1  # what a Time that is not well formed decodes to
 
 RANGE = "from 1970 to 2038, with nanoseconds below one second"  # for the text of errors
 BAD_STAMP = "bad_stamp"  # the reason under which such messages are counted
+OLDER = "older_stamp"  # the reason under which messages that come too late are counted
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
 HISTORY = 31  # periods behind the median
 GAP_PERIODS = 5
@@ -36,6 +42,7 @@ MIN_PERIOD_NS = 50_000  # 20 kHz: quicker than any driver
 MIN_PERIODS = 10  # that make a period usual
 BY_PERIOD = 0.0  # as max_gap: five median periods, 0.1 s to 1 s
 MIN_MAX_GAP, MAX_MAX_GAP = 0.001, 60.0  # any other max_gap [s]
+B = TypeVar("B", bound=Block)
 
 
 def valid_stamps(stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -220,3 +227,102 @@ class StampOrder:
             return MAX_GAP_NS
         median = float(np.median(positive))
         return int(np.clip(GAP_PERIODS * median, MIN_GAP_NS, MAX_GAP_NS))
+
+
+class ReorderBuffer(Generic[B]):
+    """Puts messages of one kind into the order of their stamps.
+
+    A message waits until the stamps of its kind have passed it by the window. One that
+    arrives later than that is dropped.
+
+    Args:
+        window_ns: How far a stamp may lie behind the newest one of the same kind. [ns]
+        kinds: Gives the rows of each kind, as of the messages that have the same joints; None where
+            there is one kind only.
+
+    Attributes:
+        held: Messages that wait for the window to pass; None if there are none.
+    """
+
+    def __init__(
+        self,
+        window_ns: int,
+        reject: Callable[[str, int], None],
+        kinds: Callable[[B], dict[bytes, Int]] | None = None,
+    ) -> None:
+        self.window_ns = window_ns
+        self._reject = reject
+        self._kinds = kinds
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what waits, and the stamps met."""
+        self._newest: dict[bytes, int] = {}
+        self.held: B | None = None
+
+    def step(self, block: B) -> B:
+        """Return the messages that are in order by now, which may be none."""
+        known = 0 if self.held is None else len(self.held)
+        whole = block if self.held is None else type(block).concatenate([self.held, block])
+        release = np.full(len(whole), -1, dtype=np.int64)  # row whose arrival lets it go
+        keep = np.ones(len(whole), dtype=np.bool_)
+        kinds = {b"": np.arange(len(whole))} if self._kinds is None else self._kinds(whole)
+        for key, rows in kinds.items():
+            fresh = rows[rows >= known]
+            stamp = whole.stamp_ns[fresh]
+            if not len(stamp):
+                continue
+            before = self._newest.get(key, int(stamp[0]))
+            newest = np.maximum.accumulate(np.append(before, stamp))
+            keep[fresh[stamp < newest[:-1] - self.window_ns]] = False
+            self._newest[key] = int(newest[-1])
+            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self.window_ns, side="left")
+            free = at < len(stamp)
+            release[rows[free]] = fresh[at[free]]
+        self._reject(OLDER, int((~keep).sum()))
+        free = np.flatnonzero(keep & (release >= 0))
+        order = np.lexsort((whole.stamp_ns[free], release[free]))
+        left = keep & (release < 0)
+        self.held = whole[left] if bool(left.any()) else None
+        return whole[free[order]]
+
+    def flush(self) -> B | None:
+        """Return what still waits, as at the end of an epoch, and forget its stamps."""
+        held = self.held
+        self.restart()
+        return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
+
+
+def sentence_of(
+    epochs: EpochSplitter,
+    what: str,
+    remedy: str = "synchronise the clocks",
+    within: float | None = None,
+) -> str:
+    """Return what was wrong with the stamps of a stream; empty if nothing was.
+
+    Args:
+        what: Name of the messages, such as ``readings of the meter``.
+        within: Only what concerns so much of the newest time; None for all. [s]
+    """
+    if epochs.odd_ns is None or epochs.newest_ns is None:
+        return ""
+    if within is not None and epochs.newest_ns - epochs.odd_ns > within / NANOSECOND:
+        return ""
+    count = epochs.strays
+    offset = (epochs.stray_ns if count else epochs.first_off_ns) * NANOSECOND
+    way = "ahead of" if offset > 0 else "behind"
+    if count:
+        kind = "two clocks?" if count >= 3 else "a wrong clock for a moment?"
+        return (
+            f"{count} {what} refused as stray_stamp: stamped {abs(offset):.1f} s {way} the "
+            f"others ({kind}); {remedy}"
+        )
+    if epochs.behind:
+        return (
+            f"{epochs.behind} {what} are stamped up to {epochs.behind_ns * NANOSECOND:.1f} s "
+            f"behind the others (two clocks?); {remedy}"
+        )
+    if offset:
+        return f"the first of the {what} was stamped {abs(offset):.1f} s {way} the next; {remedy}"
+    return ""

@@ -1,88 +1,373 @@
-"""Messages of one stream: cut at the jumps of their stamps, without outliers, in order."""
+"""Messages of one stream: cut at the jumps of their stamps into epochs, without outliers, in order.
+
+The same for every stream: joint states, temperatures, friction, torque, meters.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from dataclasses import dataclass, field
+from typing import Generic
 
 import numpy as np
 
-from robot_energy.timeline.blocks import NANOSECOND, Block, Int
-from robot_energy.timeline.epochs import (
-    SLOW_NS,
-    STRAY_STAMP,
-    EpochRun,
-    EpochSplitter,
-    Reach,
-    Sorted,
-)
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Int, differences
+from robot_energy.timeline.stamps import B, ReorderBuffer
 
-OLDER = "older_stamp"  # the reason under which messages that come too late are counted
-B = TypeVar("B", bound=Block)
+STRAY_STAMP = "stray_stamp"  # the reason under which outliers are counted
+HISTORY = 31  # periods behind the median
+REACH_PERIODS = 5
+MIN_CONFIRMATIONS = 3  # messages in a row that make a jump of the stamps
+SLOW_CONFIRMATIONS = 2  # the same of a state that is held, where a false jump costs little
+MAX_CONFIRMATIONS = 8  # the same while two clocks take turns
+MAX_PAUSE_NS = 60 * SECOND_NS  # between the first message of all and the second
+FIRST_PIECE = 16  # messages that are looked at one by one before all others at once
+RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is not a reset but another clock
 
 
-class ReorderBuffer(Generic[B]):
-    """Puts messages of one kind into the order of their stamps.
-
-    A message waits until the stamps of its kind have passed it by the window. One that
-    arrives later than that is dropped.
-
-    Args:
-        window_ns: How far a stamp may lie behind the newest one of the same kind. [ns]
-        kinds: Gives the rows of each kind, as of the messages that have the same joints; None where
-            there is one kind only.
+@dataclass(frozen=True)
+class Reach:
+    """How far a stamp may lie from the newest one of its stream and still continue it.
 
     Attributes:
-        held: Messages that wait for the window to pass; None if there are none.
+        max_ahead_ns: At most, where the stream is slow: five median periods count. [ns]
+        behind_ns: Less than this behind it: late, not another time. [ns]
+        prompt: The first message counts at once, as it does of a state that is latched;
+            otherwise it waits for the second.
+        patient: Whether jumps that follow each other quickly need more messages.
+        confirmations: Messages in a row that make a jump of the stamps.
     """
 
-    def __init__(
-        self,
-        window_ns: int,
-        reject: Callable[[str, int], None],
-        kinds: Callable[[B], dict[bytes, Int]] | None = None,
-    ) -> None:
-        self.window_ns = window_ns
-        self._reject = reject
-        self._kinds = kinds
-        self.restart()
+    ahead_ns: int = SECOND_NS // 10
+    max_ahead_ns: int = SECOND_NS
+    behind_ns: int = SECOND_NS
+    prompt: bool = False
+    patient: bool = True
+    confirmations: int = MIN_CONFIRMATIONS
+
+
+SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
+
+
+def slow_reach(stale_ns: int) -> Reach:
+    """Return the reach of a state that changes slowly and is held until it is stale.
+
+    Args:
+        stale_ns: Age at which it is not used any more. [ns]
+    """
+    return Reach(
+        SLOW_NS,
+        max(SLOW_NS, stale_ns // 2),
+        SLOW_NS,
+        prompt=True,
+        confirmations=SLOW_CONFIRMATIONS,
+    )
+
+
+@dataclass
+class EpochRun:
+    """Messages that belong together.
+
+    Attributes:
+        rows: Their numbers; None for all that were given, when none was held before.
+        new_epoch: Whether the stamps jumped back before them.
+        restless: Whether they did so within a second after another jump, as they do when
+            two clocks take turns.
+        rising: Whether it is known that each stamp is newer than all before.
+        first_ns: Stamp of the first of them that arrived, once their blocks are known. [ns]
+    """
+
+    rows: list[int] | None = field(default_factory=list[int])
+    new_epoch: bool = False
+    restless: bool = False
+    rising: bool = False
+    first_ns: int = 0
+
+
+@dataclass(frozen=True)
+class Sorted:
+    """What became of messages. Rows count those that were held first, then those given.
+
+    Attributes:
+        held: Rows that wait for later messages; the caller puts them before the next ones.
+    """
+
+    runs: list[EpochRun]
+    strays: list[int] = field(default_factory=list[int])
+    held: list[int] = field(default_factory=list[int])
+
+
+class EpochSplitter:
+    """Cuts one stream at the jumps of its stamps, and takes outliers out.
+
+    A message whose stamp lies out of reach of the newest one is held. If the stream goes on
+    from the newest, what was held are strays: messages of the run before a loop, stale
+    ones, a wrong clock. If three messages in a row (two of a state that is held) lie in
+    another time, the stamps have jumped: forward (a gap) or back (a new epoch, as when a bag
+    loops or a simulation restarts). Jumps that follow each other within a few messages come
+    from two clocks that take turns; each then needs twice as many messages, up to eight, so
+    that the clock in use stays in use. So no single message can send the state into the past or
+    the future, and at most seven messages are held.
+
+    Attributes:
+        stray_ns: How far the last of them lay from the newest stamp, ahead or behind. [ns]
+        odd_ns: Newest stamp when the last stamp was odd in any way; None: none was. [ns]
+        behind: Messages more than a second behind the newest one that still continue it.
+        behind_ns: How far the last of them lay behind. [ns]
+        first_off_ns: How far the first message lay from the second, if neither continued
+            the other. [ns]
+        newest_ns: Newest stamp of the running epoch; None before the first. [ns]
+    """
+
+    def __init__(self, reach: Reach | None = None) -> None:
+        self.strays = 0
+        self.stray_ns = 0
+        self.odd_ns: int | None = None
+        self.behind = 0
+        self.behind_ns = 0
+        self.first_off_ns = 0
+        self.newest_ns: int | None = None
+        self._reach = reach or Reach()
+        self._begin_ns = 0  # first stamp since the last jump
+        self._accepted = 0  # messages since then
+        self._sure = False  # whether a second message has continued the first
+        self._begun = 0  # messages given out without that
+        self._needed = self._reach.confirmations
+        self._periods: Int = np.empty(0, dtype=np.int64)
+        self._held: list[int] = []  # stamps that wait; the first message too while not sure
 
     def restart(self) -> None:
-        """Forget what waits, and the stamps met."""
-        self._newest: dict[bytes, int] = {}
-        self.held: B | None = None
+        """Forget where the stream was and what waits, as after an error; counts are kept."""
+        self.newest_ns = None
+        self._begin_ns = self._accepted = self._begun = 0
+        self._sure = False
+        self._needed = self._reach.confirmations
+        self._held = []
 
-    def step(self, block: B) -> B:
-        """Return the messages that are in order by now, which may be none."""
-        known = 0 if self.held is None else len(self.held)
-        whole = block if self.held is None else type(block).concatenate([self.held, block])
-        release = np.full(len(whole), -1, dtype=np.int64)  # row whose arrival lets it go
-        keep = np.ones(len(whole), dtype=np.bool_)
-        kinds = {b"": np.arange(len(whole))} if self._kinds is None else self._kinds(whole)
-        for key, rows in kinds.items():
-            fresh = rows[rows >= known]
-            stamp = whole.stamp_ns[fresh]
-            if not len(stamp):
+    @property
+    def beginning(self) -> bool:
+        """Whether the first message of all waits for the second."""
+        return bool(self._held) and not self._sure
+
+    @property
+    def period_ns(self) -> int:
+        """Median step of the newest stamps; 0 before the second. [ns]"""
+        return int(np.median(self._periods)) if len(self._periods) else 0
+
+    def step(self, stamp_ns: Int) -> Sorted:
+        """Return what became of stamps in order of arrival, and of the messages held before.
+
+        Args:
+            stamp_ns: Shape (N,), N >= 1. [ns]
+        """
+        start, position, size = len(self._held), 0, FIRST_PIECE
+        waiting: list[int] = list(range(start))
+        runs: list[EpochRun] = []
+        strays: list[int] = []
+        while position < len(stamp_ns):
+            rest = stamp_ns[position:]
+            calm = self._calm(rest) if self._sure and not self._held else None
+            if calm is not None:
+                if position or start:
+                    calm.rows = list(range(start + position, start + len(stamp_ns)))
+                return Sorted([*runs, calm], strays)
+            # One by one, but only as far as it takes to be calm again.
+            piece = rest[:size].tolist()
+            place = [*waiting, *range(start + position, start + position + len(piece))]
+            found = self._sort_out([*self._held, *piece])
+            for run in found.runs:
+                run.rows = [place[row] for row in run.rows or ()]
+            runs += found.runs
+            strays += [place[row] for row in found.strays]
+            waiting = [place[row] for row in found.held]
+            position, size = position + len(piece), 2 * size
+        return Sorted(runs, strays, waiting)
+
+    def flush(self) -> Sorted:
+        """Decide on what still waits, as at the end.
+
+        In a stream with enough messages, a single message out of reach is an outlier; in one
+        that has only begun, that is undecided and the message counts.
+        """
+        stamps, self._held = self._held, []
+        rows = list(range(len(stamps)))
+        if not stamps or self.newest_ns is None:
+            return Sorted([])
+        if self._sure:
+            known = self._accepted >= MIN_CONFIRMATIONS
+            if known and not (len(stamps) > 1 and self._continues(stamps[-1], stamps[-2])):
+                return Sorted([], self._refused(rows, stamps))
+            runs: list[EpochRun] = []
+            self._jump(stamps, rows, runs)
+            return Sorted(runs)
+        back = differences(np.asarray(stamps), stamps[0]) < 0
+        runs = [EpochRun([row], new_epoch=bool(back[row])) for row in rows]
+        self._jump_to(stamps[-1])
+        return Sorted(runs)
+
+    def _calm(self, stamp: Int) -> EpochRun | None:
+        """All at once where none is out of reach, as nearly always; else None."""
+        assert self.newest_ns is not None
+        ahead, newest, reach = differences(stamp, self.newest_ns), int(stamp[-1]), self._reach
+        rising = bool((ahead > 0).all())
+        if not rising:
+            before = np.maximum.accumulate(np.concatenate([[self.newest_ns], stamp]))
+            ahead, newest = stamp - before[:-1], int(before[-1])
+        steps, most = ahead if rising else ahead[ahead > 0], int(ahead.max())
+        if most > reach.ahead_ns:  # the median of the periods is no shorter than the shortest
+            known = len(self._periods) > 0
+            shortest = min(int(steps.min()), int(self._periods.min())) if known else 0
+            if most > min(REACH_PERIODS * shortest, reach.max_ahead_ns):
+                return None
+        if not rising:
+            low = int(ahead.min())
+            if low <= -reach.behind_ns:
+                return None
+            if low < -SECOND_NS:
+                late = ahead[ahead < -SECOND_NS]
+                self.behind += len(late)
+                self.behind_ns = -int(late[-1])
+                self.odd_ns = newest
+        self._keep(steps)
+        self._accepted += len(stamp)
+        self.newest_ns = newest
+        return EpochRun(None, rising=rising)
+
+    def _keep(self, periods: Int) -> None:
+        if len(periods) >= HISTORY:
+            self._periods = periods[-HISTORY:].copy()
+        elif len(periods):
+            self._periods = np.concatenate([self._periods, periods])[-HISTORY:]
+
+    def _learn(self, step: int) -> None:
+        """Keep a step that may be a period of the stream."""
+        if 0 < step <= self._reach.max_ahead_ns:
+            self._keep(np.array([step], dtype=np.int64))
+
+    def _ahead_ns(self) -> int:
+        """How far ahead of the newest stamp one may lie now. [ns]"""
+        reach = self._reach
+        if not len(self._periods):
+            return reach.max_ahead_ns if not reach.prompt else reach.ahead_ns
+        return min(max(REACH_PERIODS * self.period_ns, reach.ahead_ns), reach.max_ahead_ns)
+
+    def _continues(self, stamp: int, newest: int) -> bool:
+        behind = self._reach.behind_ns if self._sure else self._reach.ahead_ns
+        near = stamp - newest <= self._reach.ahead_ns
+        return newest - behind < stamp and (near or stamp <= newest + self._ahead_ns())
+
+    def _refused(self, rows: list[int], stamps: list[int]) -> list[int]:
+        """Count outliers and return their rows."""
+        assert self.newest_ns is not None
+        self.strays += len(rows)
+        self.stray_ns = stamps[rows[-1]] - self.newest_ns
+        self.odd_ns = self.newest_ns
+        return rows
+
+    def _jump_to(self, stamp: int) -> None:
+        self.newest_ns = self._begin_ns = stamp
+        self._accepted = 0
+
+    def _advance(self, stamp: int) -> None:
+        """Take one message that continues the newest one or a jump."""
+        assert self.newest_ns is not None
+        step = stamp - self.newest_ns
+        self._learn(step)
+        if step < -SECOND_NS:
+            self.behind += 1
+            self.behind_ns = -step
+            self.odd_ns = self.newest_ns
+        self._accepted += 1
+        self.newest_ns = max(self.newest_ns, stamp)
+
+    def _sort_out(self, stamps: list[int]) -> Sorted:
+        """Go through the messages one by one."""
+        runs = [EpochRun()]
+        strays: list[int] = []
+        first: list[int] = []  # the first message of all, while nothing continues it
+        held: list[int] = []
+        if self._held and not self._sure and not self._reach.prompt:
+            self.newest_ns = None  # it is among those that are held
+        for row, stamp in enumerate(stamps):
+            if self.newest_ns is None:
+                self._jump_to(stamp)
+                if self._reach.prompt:
+                    self._begun = 1
+                    _rows(runs).append(row)
+                else:
+                    first = [row]
                 continue
-            before = self._newest.get(key, int(stamp[0]))
-            newest = np.maximum.accumulate(np.append(before, stamp))
-            keep[fresh[stamp < newest[:-1] - self.window_ns]] = False
-            self._newest[key] = int(newest[-1])
-            at = np.searchsorted(newest[1:], whole.stamp_ns[rows] + self.window_ns, side="left")
-            free = at < len(stamp)
-            release[rows[free]] = fresh[at[free]]
-        self._reject(OLDER, int((~keep).sum()))
-        free = np.flatnonzero(keep & (release >= 0))
-        order = np.lexsort((whole.stamp_ns[free], release[free]))
-        left = keep & (release < 0)
-        self.held = whole[left] if bool(left.any()) else None
-        return whole[free[order]]
+            newest = self.newest_ns
+            if self._continues(stamp, newest):
+                if held and stamp > newest:
+                    strays += self._refused(held, stamps)
+                    held = []
+                _rows(runs).extend([*first, row])
+                first = []
+                self._sure = True
+                self._advance(stamp)
+                continue
+            if not self._sure and self._reach.prompt:
+                runs.append(EpochRun([row], new_epoch=stamp < newest))
+                self._learn(stamp - newest)
+                if not newest <= stamp <= newest + self._reach.max_ahead_ns:
+                    self.first_off_ns = newest - stamp
+                    self.odd_ns = stamp
+                self._begun += 1
+                self._sure = self._begun == MIN_CONFIRMATIONS
+                self._jump_to(stamp)
+                continue
+            if first and 0 < stamp - newest <= MAX_PAUSE_NS:
+                _rows(runs).extend(first)
+                first, self._sure, self._accepted = [], True, 1
+            before = stamps[held[-1]] if held else stamp
+            if stamp <= before - self._reach.behind_ns or before < newest < stamp:
+                strays += self._refused(held, stamps)
+                held = []
+            held.append(row)
+            needed = self._needed if self._sure else 2
+            if len(held) < needed:
+                continue
+            near = self._continues(stamp, stamps[held[-2]])
+            if first and near:
+                strays += self._refused(first, stamps)  # two agree against the first
+                first = []
+                self.newest_ns = None
+            elif first:
+                _rows(runs).extend(first)
+                first = []
+            self._jump(stamps, held, runs)
+            held = []
+        waiting = sorted([*first, *held])
+        self._held = [stamps[row] for row in waiting]
+        return Sorted([run for run in runs if run.rows], strays, waiting)
 
-    def flush(self) -> B | None:
-        """Return what still waits, as at the end of an epoch, and forget its stamps."""
-        held = self.held
-        self.restart()
-        return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
+    def _jump(self, stamps: list[int], held: list[int], runs: list[EpochRun]) -> None:
+        """Go on from what was held."""
+        start = stamps[held[0]]
+        newest = self.newest_ns
+        if newest is None:
+            runs.append(EpochRun(list(held)))
+        else:
+            back = start < newest
+            restless = back and newest - self._begin_ns < SECOND_NS
+            runs.append(EpochRun(list(held), back, restless))
+            quick = self._sure and self._accepted < RESTLESS_MESSAGES
+            least = self._reach.confirmations
+            most = MAX_CONFIRMATIONS if self._reach.patient else least
+            self._needed = min(2 * self._needed, most) if quick else least
+            self._learn(start - newest)
+        self._sure = True
+        self._jump_to(start)
+        for row in held:
+            self._advance(stamps[row])
+
+
+def _rows(runs: list[EpochRun]) -> list[int]:
+    rows = runs[-1].rows
+    assert rows is not None
+    return rows
 
 
 class StreamSplitter(Generic[B]):
@@ -174,64 +459,6 @@ def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
     blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
-
-
-def sentence_of(
-    epochs: EpochSplitter,
-    what: str,
-    remedy: str = "synchronise the clocks",
-    within: float | None = None,
-) -> str:
-    """Return what was wrong with the stamps of a stream; empty if nothing was.
-
-    Args:
-        what: Name of the messages, such as ``readings of the meter``.
-        within: Only what concerns so much of the newest time; None for all. [s]
-    """
-    if epochs.odd_ns is None or epochs.newest_ns is None:
-        return ""
-    if within is not None and epochs.newest_ns - epochs.odd_ns > within / NANOSECOND:
-        return ""
-    count = epochs.strays
-    offset = (epochs.stray_ns if count else epochs.first_off_ns) * NANOSECOND
-    way = "ahead of" if offset > 0 else "behind"
-    if count:
-        kind = "two clocks?" if count >= 3 else "a wrong clock for a moment?"
-        return (
-            f"{count} {what} refused as stray_stamp: stamped {abs(offset):.1f} s {way} the "
-            f"others ({kind}); {remedy}"
-        )
-    if epochs.behind:
-        return (
-            f"{epochs.behind} {what} are stamped up to {epochs.behind_ns * NANOSECOND:.1f} s "
-            f"behind the others (two clocks?); {remedy}"
-        )
-    if offset:
-        return f"the first of the {what} was stamped {abs(offset):.1f} s {way} the next; {remedy}"
-    return ""
-
-
-def apart_sentence(epochs: EpochSplitter, newest_ns: int | None, ahead_ns: int | None) -> str:
-    """Return that temperatures are of another time than the joint states; empty if not.
-
-    A stream that has stopped is not a clock: its stamps were right when they arrived.
-
-    Args:
-        newest_ns: Newest stamp of the joint states; None before the first. [ns]
-        ahead_ns: How far its stamps are ahead of those of the joint states on arrival; None where
-            that is not known. [ns]
-    """
-    if epochs.newest_ns is None or newest_ns is None or ahead_ns is None:
-        return ""
-    bound = SLOW_NS + 3 * epochs.period_ns
-    apart = epochs.newest_ns - newest_ns
-    if abs(apart) <= bound or abs(ahead_ns) <= bound:
-        return ""
-    way = "after" if ahead_ns > 0 else "before"
-    return (
-        f"the newest temperature is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint "
-        "states that arrived with it: synchronise the clocks"
-    )
 
 
 def _by_caller(reason: str, count: int) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
+import math
 
 from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
-from robot_energy_report.canvas import SERIES, Target, canvas, named_ticks
+from robot_energy_report.canvas import Target, canvas, saving_bars
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import fixed, percent, significant, watt_hours
 from robot_energy_report.headline import duration
@@ -136,15 +134,12 @@ def _year(page: Document, report: AdviceReport) -> None:
 
 def _savings(rows: tuple[Advice, ...], basis: AdviceBasis, path: Target) -> None:
     with canvas(path, (8.0, 1.2 + 0.45 * len(rows)), "savings") as figure:
-        axes: Any = figure.subplots()
-        place = np.arange(len(rows))[::-1]
-        share = 100.0 / basis.recorded_energy if basis.recorded_energy > 0 else np.nan
-        energy = np.array([one.energy for one in rows]) * share
-        half = np.array([one.half for one in rows]) * share
-        colours = [SERIES[2] if one.claimed else SERIES[6] for one in rows]
-        axes.barh(place, energy, 0.6, color=colours)
-        axes.errorbar(energy, place, xerr=half, fmt="none", ecolor="#16202b", capsize=3)
-        named_ticks(axes.yaxis, place, [one.name.replace("_", " ") for one in rows])
-        axes.axvline(0.0, color="#51606f", linewidth=0.8)
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel("saving, share of the energy from the grid [%]")
+        share = 100.0 / basis.recorded_energy if basis.recorded_energy > 0 else math.nan
+        saving_bars(
+            figure.subplots(),
+            [one.name.replace("_", " ") for one in rows],
+            [one.energy * share for one in rows],
+            [one.half * share for one in rows],
+            [one.claimed for one in rows],
+            "saving, share of the energy from the grid [%]",
+        )

@@ -12,7 +12,7 @@ from robot_energy_fleet.documents.fleet_figures import (
     friction_by_temperature,
     friction_by_week,
 )
-from robot_energy_fleet.results.fleet import FleetFinding, FleetFriction, FleetReport, RobotEnergy
+from robot_energy_fleet.results.fleet import FleetFinding, FleetFriction, FleetReport
 from robot_energy_identify.results.identification import FrictionReport
 from robot_energy_report.document import Column, Document, Tiles
 from robot_energy_report.formats import (
@@ -34,13 +34,6 @@ from robot_energy_report.page.settings import PageSettings
 HOUR = 3600.0  # s
 MAX_LISTED = 50  # bags that could not be read, and damaged ones
 MAX_SENTENCES = 10  # on robots to look at; the table has all
-CAUSES = {
-    "payload": "payload",
-    "wear": "wear",
-    "friction": "friction",
-    "standby": "standby",
-    "energy": "energy of a job",
-}
 WITHOUT_PRICES = PageSettings()
 
 
@@ -182,7 +175,9 @@ def _findings(report: FleetReport, page: Document) -> None:
             "How much, and how sure",
             [
                 Column("robot", "robot"),
-                Column("cause", lambda one: CAUSES[one.kind]),
+                Column(
+                    "cause", lambda one: "energy of a job" if one.kind == "energy" else one.kind
+                ),
                 Column("of", lambda one: one.subject or None),
                 Column("size", _size),
                 Column(
@@ -216,9 +211,17 @@ def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None
     kwh = aligned([one.grid_energy / JOULE_PER_KWH for one in report.robots], 4)
     priced = any(one.standby_cost is not None for one in report.robots)
 
-    def cost(name: str) -> Column:
-        return Column("its cost", name, fixed(2), settings.currency, total=True)
+    def cost(heading: str, name: str) -> list[Column]:
+        return [Column(heading, name, fixed(2), settings.currency, total=True)] if priced else []
 
+    time = Column("recorded", lambda one: one.observed_time / HOUR, fixed(2), "h", total=True)
+    energy = Column("energy", lambda one: one.grid_energy / JOULE_PER_KWH, kwh, "kWh", total=True)
+    standby = [
+        Column("standby", lambda one: one.standby_time / HOUR, fixed(2), "h", total=True),
+        Column("energy in\nstandby", lambda one: one.standby_energy / JOULE_PER_KWH, kwh, "kWh",
+               total=True),
+        *cost("its cost", "standby_cost"),
+    ]  # fmt: skip
     page.figure(
         lambda path: energy_of_robots(report.robots, path),
         "Energy from the grid of every robot, in what was recorded of it; standby is rest with "
@@ -229,18 +232,15 @@ def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None
         [
             Column("", "robot"),
             Column("bags", "bags", total=True),
-            Column("recorded", lambda one: one.observed_time / HOUR, fixed(2), "h", total=True),
-            Column("energy", _kwh, kwh, "kWh", total=True),
+            time,
+            energy,
             Column("error against\nthe meter", "error", signed_percent),
             Column("jobs", "jobs", total=True),
-            Column("standby", lambda one: one.standby_time / HOUR, fixed(2), "h", total=True),
-            Column("energy in\nstandby", lambda one: one.standby_energy / JOULE_PER_KWH, kwh, "kWh",
-                   total=True),
-            *([cost("standby_cost")] if priced else []),
+            *standby,
         ],
         report.robots,
         "all",
-    )  # fmt: skip
+    )
     if report.programmes:
         page.rows(
             "Programmes: energy of a job from the grid, predicted",
@@ -258,27 +258,10 @@ def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None
         )
     page.rows(
         f"Shifts, {settings.timezone}",
-        [
-            Column("", "name"),
-            Column("recorded", lambda one: one.observed_time / HOUR, fixed(2), "h", total=True),
-            Column("energy", _kwh, kwh, "kWh", total=True),
-            *(
-                [Column("cost", "cost", fixed(2), settings.currency, total=True)]
-                if priced
-                else []
-            ),
-            Column("standby", lambda one: one.standby_time / HOUR, fixed(2), "h", total=True),
-            Column("energy in\nstandby", lambda one: one.standby_energy / JOULE_PER_KWH, kwh, "kWh",
-                   total=True),
-            *([cost("standby_cost")] if priced else []),
-        ],
+        [Column("", "name"), time, energy, *cost("cost", "cost"), *standby],
         report.shifts,
         "all",
-    )  # fmt: skip
-
-
-def _kwh(one: RobotEnergy) -> float:
-    return one.grid_energy / JOULE_PER_KWH
+    )
 
 
 def _friction(report: FleetReport, page: Document) -> None:

@@ -12,6 +12,7 @@ from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.options import EFFORTS
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import Inputs
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from robot_energy_identify.friction.samples import FrictionData
     from robot_energy_identify.stats.systematic import SensorLimits
 
-EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 NEVER_GUESSED = "the effort of a driver is never guessed"
 
 

@@ -23,7 +23,7 @@ from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.model import model_used
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.evaluation import (
     FIXED,
     MODEL,
@@ -159,8 +159,8 @@ def _of_window(given: ScoreSums, wider: ScoreSums, window: float) -> list[str]:
 def _recording(
     path: str | Path, model: RobotModel, report: ReplayReport, degc: tuple[float, float]
 ) -> RecordingScore:
-    bag = Bag(Path(path))
-    sha256 = bag.sha256()
+    bag = Path(path).resolve()
+    sha256 = sha256_of(bag)
     seen, reason = seen_in_fit(model, bag.name, sha256)
     meter = report.comparison
     place = None if meter.measured_energy is None else meter.meter_location

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +89,18 @@ class StateReadings:
 
     def __getitem__(self, rows: slice | Int) -> StateReadings:
         return StateReadings(*(each[rows] for each in self.__dict__.values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence[StateReadings]) -> StateReadings:
+        """Return the readings of recordings as of one, every visit with a number of its own."""
+        starts = np.cumsum([0, *(int(part.visit.max(initial=0)) + 1 for part in parts)])
+        moved = [replace(p, visit=p.visit + add) for p, add in zip(parts, starts, strict=False)]
+        return cls(*map(np.concatenate, zip(*(p.__dict__.values() for p in moved), strict=True)))
+
+    @property
+    def first(self) -> list[int]:
+        """The least number of a state of each load."""
+        return self.state.min(axis=0).tolist()
 
 
 LoadRecording = Mapping[str, tuple[CoveredPieces, StateChanges]]

@@ -77,7 +77,7 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     Args:
         gain: Standard deviation of the gain of the meter. [-]
     """
-    states, notes = _states(load, parts, gain)
+    states, notes = _states(load, StateReadings.joined(parts), gain)
     if not states:
         raise NotIdentifiableError(
             f"no state of {load.name} has {MIN_READINGS} readings of its meter",
@@ -88,7 +88,7 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
     powers = before.copy()
     tried: list[Tried] = []
     for train, test in _folds(parts):
-        found, _ = _states(load, train, gain)
+        found, _ = _states(load, StateReadings.joined(train), gain)
         powers[:] = before
         for one in found:
             powers[load.state_names.index(one.state)] = one.power
@@ -116,16 +116,16 @@ def fit_outlet(
     """
     fit, columns = _regressed(loads, parts, gain)
     states: list[StateFit] = []
-    whole = np.concatenate([part.state for part in parts])
+    whole = StateReadings.joined(parts)
     for place, (load, number) in enumerate(columns, len(parts)):
-        entry, rows = loads[load], np.flatnonzero(whole[:, load] == number)
-        first = list(entry.states.values())[_reference(whole[:, load])].value
+        entry, rows = loads[load], np.flatnonzero(whole.state[:, load] == number)
+        first = list(entry.states.values())[whole.first[load]].value
         power = first + float(fit.values[place])
-        states.append(_state_fit(entry, number, power, fit.parts_of(place), parts, rows))
+        states.append(_state_fit(entry, number, power, fit.parts_of(place), whole[rows]))
     notes = tuple(
         f"a meter of the outlet shows differences alone: {load.name} "
-        f"{load.state_names[_reference(whole[:, place])]} keeps the power of the model"
-        for place, load in enumerate(loads)
+        f"{load.state_names[first]} keeps the power of the model"
+        for load, first in zip(loads, whole.first, strict=True)
     )
     held = _outlet_held_out(loads, parts, gain)
     names, taken = tuple(load.name for load in loads), _taken(held, loads)
@@ -135,7 +135,6 @@ def fit_outlet(
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
     """Return a model with the identified powers that are used."""
     found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
-
     loads: list[AuxiliaryLoad] = []
     for load in model.auxiliary or ():
         states = {
@@ -158,25 +157,20 @@ def _taken(held: HeldOutStates | None, loads: Sequence[AuxiliaryLoad]) -> bool:
 
 
 def _states(
-    load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float
+    load: AuxiliaryLoad, whole: StateReadings, gain: float
 ) -> tuple[tuple[StateFit, ...], tuple[str, ...]]:
-    power, time = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("power", "duration")
-    )
-    state, visit = np.concatenate([part.state[:, 0] for part in parts]), _visits(parts)
     found: list[StateFit] = []
     missing: list[str] = []
     for number, name in enumerate(load.state_names):
-        rows = np.flatnonzero(state == number)
-        if len(rows) < MIN_READINGS:
+        own = whole[np.flatnonzero(whole.state[:, 0] == number)]
+        if len(own) < MIN_READINGS:
             missing.append(name)
             continue
-        visits = len(np.unique(visit[rows]))
-        root = np.sqrt(time[rows])
-        target, columns = power[rows] * root, root[:, None]
-        fit = regress(columns, target, _chunks(visit[rows], visits), (name,), "ols", load.name)
+        root = np.sqrt(own.duration)
+        target, columns = own.power * root, root[:, None]
+        fit = regress(columns, target, _chunks(own.visit), (name,), "ols", load.name)
         parts_of = with_systematic(fit, columns, {METER: [gain * target]}).parts_of(0)
-        found.append(_state_fit(load, number, float(fit.values[0]), parts_of, parts, rows))
+        found.append(_state_fit(load, number, float(fit.values[0]), parts_of, own))
     if not missing:
         return tuple(found), ()
     return tuple(found), (
@@ -186,23 +180,18 @@ def _states(
 
 
 def _state_fit(
-    load: AuxiliaryLoad,
-    number: int,
-    power: float,
-    deviations: dict[str, float],
-    parts: Sequence[StateReadings],
-    rows: Int,
+    load: AuxiliaryLoad, number: int, power: float, deviations: dict[str, float], own: StateReadings
 ) -> StateFit:
-    time, std = np.concatenate([part.duration for part in parts])[rows], total(deviations)
+    std = total(deviations)
     return StateFit(
         load.name,
         load.state_names[number],
         power,
         std if np.isfinite(std) else None,
         deviations,
-        len(rows),
-        len(np.unique(_visits(parts)[rows])),
-        float(time.sum()),
+        len(own),
+        len(np.unique(own.visit)),
+        float(own.duration.sum()),
         list(load.states.values())[number].value,
     )
 
@@ -211,31 +200,27 @@ def _regressed(
     loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
 ) -> tuple[Fit, list[tuple[int, int]]]:
     """Fit of a constant for each recording, then of each state but the first of each load."""
-    state = np.concatenate([part.state for part in parts])
+    whole = StateReadings.joined(parts)
     run = np.concatenate([np.full(len(part), place) for place, part in enumerate(parts)])
     names = [f"recording {place + 1}" for place in range(len(parts))]
     columns = [(run == place).astype(float) for place in range(len(parts))]
     wanted: list[tuple[int, int]] = []
     for place, load in enumerate(loads):
-        seen = np.unique(state[:, place]).tolist()
-        reference = _reference(state[:, place])
-        for number in seen:
-            if number != reference:
-                wanted.append((place, number))
-                names.append(f"{load.name} {load.state_names[number]}")
-                columns.append((state[:, place] == number).astype(float))
-    if not wanted or len(state) < MIN_READINGS + len(names):
+        state = whole.state[:, place]
+        for number in np.unique(state)[1:].tolist():
+            wanted.append((place, number))
+            names.append(f"{load.name} {load.state_names[number]}")
+            columns.append((state == number).astype(float))
+    if not wanted or len(whole) < MIN_READINGS + len(names):
         raise NotIdentifiableError(
-            f"{len(state)} readings of the outlet lie inside rest, in "
+            f"{len(whole)} readings of the outlet lie inside rest, in "
             f"{len(wanted) + len(loads)} states of {', '.join(load.name for load in loads)}",
             "loads that change their states while the robot stands still",
             "let the robot stand with active drives and switch each load on its own, several times",
         )
     matrix = np.stack(columns, axis=1)
-    power = np.concatenate([part.power for part in parts])
-    fit = regress(matrix, power, _visits(parts), names, "irls", "the readings of the outlet")
-    shown = np.concatenate([part.shown for part in parts])
-    return with_systematic(fit, matrix, {METER: [gain * shown]}), wanted
+    fit = regress(matrix, whole.power, whole.visit, names, "irls", "the readings of the outlet")
+    return with_systematic(fit, matrix, {METER: [gain * whole.shown]}), wanted
 
 
 def _outlet_held_out(
@@ -249,12 +234,12 @@ def _outlet_held_out(
         except NotIdentifiableError:
             return None
         new, before = np.zeros((2, len(test)))
+        first = StateReadings.joined(train).first
         for place, (load, number) in enumerate(columns, len(train)):
             rows = test.state[:, load] == number
             figures = list(loads[load].states.values())
-            reference = _reference(np.concatenate([each.state[:, load] for each in train]))
             new[rows] += fit.values[place]
-            before[rows] += figures[number].value - figures[reference].value
+            before[rows] += figures[number].value - figures[first[load]].value
         rest, new, before = (
             each - np.average(each, weights=test.duration) for each in (test.power, new, before)
         )
@@ -288,28 +273,17 @@ def _held_out(tried: Sequence[Tried], recordings: int) -> HeldOutStates | None:
     return HeldOutStates(what, len(time), energy, error(new), error(before), rms(new), rms(before))
 
 
-def _visits(parts: Sequence[StateReadings]) -> Int:
-    start, found = 0, list[Int]()
-    for part in parts:
-        found.append(part.visit + start)
-        start += int(part.visit.max(initial=0)) + 1
-    return np.concatenate(found)
-
-
-def _chunks(visit: Int, visits: int) -> Int:
+def _chunks(visit: Int) -> Int:
     """Blocks of readings: the visits, cut further where they are few."""
-    if visits >= CHUNKS:
+    numbers = np.unique(visit)
+    if len(numbers) >= CHUNKS:
         return visit
-    per_visit = -(-CHUNKS // visits)
+    per_visit = -(-CHUNKS // len(numbers))
     chunk = np.empty_like(visit)
     start = 0
-    for number in np.unique(visit):
+    for number in numbers:
         rows = np.flatnonzero(visit == number)
         for part in np.array_split(rows, min(per_visit, len(rows))):
             chunk[part] = start
             start += 1
     return chunk
-
-
-def _reference(state: Int) -> int:
-    return int(state.min())

@@ -2,11 +2,13 @@
 
 The power r of rests, less that of the drives, at times t around the begin t_0 of one of them is
 
-    r = a + b (t - t_0) + P (t >= t_0)
+    r = a + b (t - t_0) + P (t >= t_0) + sum_i k_i (1 + alpha (T_i - 20)) tau_i^2
 
-What warms up with the robot has a slope and no step. The rest at which P is most over its
-deviation is where the fan starts; it starts at the temperature that the warmest motor had reached
-by then. Levels of whole recordings do not count: warm windings and a payload move them as well.
+with the torques tau that motors hold and their temperatures T, so it matters little what the model
+knows of the drives. What warms up with the robot has a slope and no step. The rest at which P is
+most over its deviation is where the fan starts; it starts at the temperature that the warmest motor
+had reached by then. Levels of whole recordings do not count: warm windings and a payload move them
+as well.
 """
 
 from __future__ import annotations
@@ -26,11 +28,15 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
 from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.drive_data import COOL, winding_torque
+from robot_energy_identify.drives.losses import TERMS, loss_columns
 
-SURE = 4.0  # deviations of a step
+SURE = 5.0  # deviations of a step; without a fan the greatest of a warm-up are below 4
 MOST, LEAST = 48, 12  # rests on each side of a step
 AROUND = 6  # rests to each side, between which it may lie
 HYSTERESIS, HYSTERESIS_STD = 5.0, 2.0  # K; a warm-up does not show when the fan stops
+TOLERANCE = 2.0  # deviations of that temperature, within which another recording shows the step
+RANK = 1e-6  # of columns that the others explain
 EXACT = 1e-6  # W: no step is known better
 WARM_UP = "a warm-up with pauses of a second, with motor temperatures and a meter at the grid"
 ROOT12 = 12.0**0.5
@@ -83,16 +89,34 @@ class Rests:
         time: Of their middle, shape (N,). [s]
         power: Of the meter less that of the drives, shape (N,). [W]
         warmest_degc: Highest that any motor had so far, shape (N,). [degC]
+        heat: Copper loss of each motor over its coefficient, shape (N, n). [(N m)^2]
     """
 
     time: Float
     power: Float
     warmest_degc: Float
+    heat: Float
 
     @property
     def places(self) -> range:
         """Rests with enough others on both sides."""
         return range(LEAST, len(self.time) - LEAST + 1)
+
+    def start(self, degc: float, tolerance: float) -> int | None:
+        """Return the rest with the surest step about a temperature; None if it is not passed.
+
+        Args:
+            tolerance: To both sides of the temperature. [K]
+        """
+        off = self.warmest_degc - degc
+        near = [at for at in self.places if abs(float(off[at])) <= tolerance]
+        if not near or off[0] >= -tolerance or off[-1] <= tolerance:
+            return None
+        return max(near, key=lambda at: self.step(at).score)
+
+    def less(self, power: float, first: int) -> Rests:
+        """Return the rests without a power that begins at one of them. [W]"""
+        return replace(self, power=self.power - power * (np.arange(len(self.power)) >= first))
 
     def step(self, first: int) -> PowerStep:
         """Return the step of the power from the rest before one to that one.
@@ -102,12 +126,16 @@ class Rests:
         """
         rows = slice(max(first - MOST, 0), first + MOST)
         time, power = self.time[rows] - self.time[first], self.power[rows]
-        columns = np.column_stack([np.ones(len(time)), time, time >= 0.0])
-        found, _, _, _ = np.linalg.lstsq(columns, power, rcond=None)
-        rest = power - columns @ found
-        variance = float(rest @ rest) / (len(time) - columns.shape[1])
-        std = float(variance * np.linalg.inv(columns.T @ columns)[2, 2]) ** 0.5
-        return PowerStep(float(found[2]), max(std, EXACT), len(time))
+        others = np.column_stack([np.ones(len(time)), time, self.heat[rows]])
+        base, scale, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
+        base = base[:, scale > RANK * scale[0]]
+        left = (time >= 0.0) - base @ (base.T @ (time >= 0.0))  # of the step, and of the power
+        power = power - base @ (base.T @ power)
+        square = float(left @ left)
+        step = float(left @ power) / square
+        rest = power - step * left
+        variance = float(rest @ rest) / (len(time) - base.shape[1] - 1)
+        return PowerStep(step, max((variance / square) ** 0.5, EXACT), len(time))
 
 
 @dataclass(frozen=True)
@@ -154,15 +182,18 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
             "rests before and after a fan starts",
             f"record {WARM_UP}",
         )
-    step, part, first = max(steps, key=lambda one: one[0].score)
+    _, part, first = max(steps, key=lambda one: one[0].score)
     degc = float(part.warmest_degc[first - 1 : first + 1].mean())
     near = part.warmest_degc[max(first - AROUND, 0) : first + AROUND]
     on_std = float(np.hypot(np.ptp(near) / ROOT12, thermometer))
-    same = [step]
-    for other in recordings:
-        place = int(np.searchsorted(other.warmest_degc, degc, side="right"))
-        if other is not part and place in other.places:
-            same.append(other.step(place))
+    starts = [
+        first if other is part else other.start(degc, TOLERANCE * on_std) for other in recordings
+    ]
+    same = [
+        other.step(place)
+        for other, place in zip(recordings, starts, strict=True)
+        if place is not None
+    ]
     weight = np.array([one.std**-2.0 for one in same])
     power = float(weight @ [one.power for one in same] / weight.sum())
     std = float(weight.sum() ** -0.5)
@@ -173,10 +204,15 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
             "a fan that starts while the robot warms up",
             f"record {WARM_UP}",
         )
-    without = [
-        replace(one, power=one.power - power * (one.warmest_degc > degc)) for one in recordings
-    ]
-    down = min((one.step(at) for one in without for at in one.places), key=lambda one: one.score)
+    down = min(
+        (
+            rest.step(at)
+            for other, place in zip(recordings, starts, strict=True)
+            for rest in [other if place is None else other.less(power, place)]
+            for at in rest.places
+        ),
+        key=lambda one: one.score,
+    )
     if down.score < -SURE:
         raise NotIdentifiableError(
             f"the power at rest has a step of {power:.1f} W and one of {down.power:.1f} W while "
@@ -197,5 +233,11 @@ def _rests(part: Recording) -> Rests:
     pieces, power = at_rest(part, holding(part))
     so_far = np.fmax.accumulate(np.fmax.reduce(part.power.motor_temperature_degc, axis=1))
     middle = 0.5 * NANOSECOND * (pieces.stamp_ns + pieces.end_ns)
-    own = [parted(pieces, values) for values in (middle, power, so_far[row_of(part, pieces)])]
-    return Rests(*(np.array([float(one.mean()) for one in values]) for values in own))
+    row = row_of(part, pieces)
+    torque, degc = winding_torque(part)[row], part.power.motor_temperature_degc[row]
+    heat = loss_columns(np.zeros_like(torque), torque, np.where(np.isnan(degc), COOL, degc))
+    own = [
+        parted(pieces, values)
+        for values in (middle, power, so_far[row], heat[..., TERMS.index("copper")])
+    ]
+    return Rests(*(np.array([one.mean(axis=0) for one in values]) for values in own))

@@ -80,6 +80,10 @@ def fan_power(recording: Recording, pieces: CoveredPieces) -> Float | float:
 
 
 def parted(pieces: CoveredPieces, values: Float) -> list[Float]:
-    """Return the values of the pieces of each phase."""
+    """Return the values of the pieces of each phase.
+
+    Args:
+        values: One for each piece, shape (pieces,). [as given]
+    """
     apart = pieces.stamp_ns[1:] - pieces.end_ns[:-1] > EVENT_GAP
     return np.split(values, np.flatnonzero(apart) + 1) if len(pieces) else []

@@ -135,14 +135,10 @@ class Evidence:
         step = np.diff(self.stamp_ns, append=self.stamp_ns[-1:]) * NANOSECOND
         return np.asarray(np.clip(step, 0.0, 5.0 * np.median(step)))
 
-    def thinned(self, without_power: bool = False) -> Evidence:
-        """Return at most `MAX_ROWS` samples, evenly taken.
-
-        Args:
-            without_power: Whether to leave out what the meter is compared with.
-        """
+    def thinned(self) -> Evidence:
+        """Return at most `MAX_ROWS` samples, evenly taken, and no power."""
         few = self.rows(slice(None, None, max(1, -(-len(self.stamp_ns) // MAX_ROWS))))
-        return replace(few, supply=None, shaft_power=None, meter=None) if without_power else few
+        return replace(few, supply=None, shaft_power=None, meter=None)
 
     def rows(self, chosen: slice) -> Evidence:
         """Return some of the samples."""
@@ -151,10 +147,8 @@ class Evidence:
     @property
     def motion(self) -> tuple[Float, Float, Float]:
         """Position, velocity and acceleration as the rigid bodies take them, shape (N, n) each."""
-        position, velocity, acceleration = map(
-            np.ascontiguousarray, (self.position, self.velocity, self.acceleration)
-        )
-        return position, velocity, acceleration
+        as_rows = np.ascontiguousarray
+        return as_rows(self.position), as_rows(self.velocity), as_rows(self.acceleration)
 
 
 def remarks_of(result: Replay) -> Remarks:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.inputs.joint_states.jumps import shortest
 from robot_energy.inputs.joint_states.plausibility import ALWAYS_ZERO, FAR
+from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.replay.bag_replay import LONGER_WINDOW
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
@@ -196,20 +196,17 @@ def _beyond_limits(evidence: Evidence, joint: int, beyond: float) -> str:
     )
 
 
-def _travels(evidence: Evidence, joint: int) -> bool:
-    """Whether a joint moves far between its limits as it is, and hardly in another unit."""
-    limits, travel = evidence.robot.limits, float(np.ptp(evidence.position[:, joint]))
-    return travel > MIN_SHARE * float(limits.upper[joint] - limits.lower[joint])
-
-
 def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> Iterator[Finding]:
     """Name the unit, and correct all joints of its kind: most drivers state them alike."""
     unit, beyond = _unit(evidence, joint), _outside(evidence, joint)
     kinds = {_unit(evidence, one) for one, is_foreign in enumerate(foreign) if is_foreign}
+    limits = evidence.robot.limits
+    # a joint that moves far between its limits as it is moves hardly in another unit
+    far = np.ptp(evidence.position, axis=0) > MIN_SHARE * (limits.upper - limits.lower)
     joints = tuple(
         one
-        for one in range(len(foreign))
-        if foreign[one] or (_unit(evidence, one) in kinds and not _travels(evidence, one))
+        for one, is_foreign in enumerate(foreign)
+        if is_foreign or (_unit(evidence, one) in kinds and not far[one])
     )
     scales = [1.0 / _unit(evidence, one).factor for one in joints]
     change, velocity = _change(evidence, joint)

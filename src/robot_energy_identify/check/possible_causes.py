@@ -87,9 +87,7 @@ def carried_payload(
     total = round(total, 2)
     if carried and -2.0 * std < total <= 0.0:
         return others
-    if total <= 0.0:
-        return None
-    if np.max(np.abs(moments)) > FARTHEST * total:
+    if total <= 0.0 or np.max(np.abs(moments)) > FARTHEST * total:
         return None
     x, y, z = (round(float(value), 3) for value in moments / total)
     inertia = carried[-1].inertia if carried else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -211,13 +209,13 @@ def _effort_meaning(evidence: Evidence, meaning: EffortMeaning) -> Cause:
     stated, joints = evidence.effort, range(len(evidence.names))
 
     def correct(evidence: Evidence) -> Evidence:
-        maps = [
+        was, now = (
             Effort.from_model(evidence.model, one, evidence.drivetrain).motor_torque(
                 np.eye(len(joints))
             )
             for one in (stated, meaning)
-        ]
-        torque = evidence.motor_torque @ np.linalg.inv(maps[0]) @ maps[1]
+        )
+        torque = evidence.motor_torque @ np.linalg.inv(was) @ now
         return replace(evidence, motor_torque=torque, effort=meaning)
 
     factor, _ = evidence.remarks.effort_factors.get(stated, (float("nan"), 0.0))
@@ -305,10 +303,15 @@ def _zeros(fit: TorqueFit, joint: int) -> Iterator[Cause]:
 
 def _payloads(fit: TorqueFit) -> Iterator[Cause]:
     """What the robot may carry more or less than the model says."""
-    mass, std, moment = payload_of(fit)
+    robot, own = fit.evidence.robot, fit.groups["payload"]
+    most = LARGEST_PAYLOAD * (robot.moving_mass - robot.payload_mass) + robot.payload_mass
+    free = fit.freed(
+        "payload", most * np.repeat([1.0, PAYLOAD_CENTRE, PAYLOAD_CENTRE**2], (1, 3, 6))
+    )
+    mass, std = float(free.values[own][0]), float(free.std[own][0])
     if not abs(mass) > SURE * std:
         return
-    carried = carried_payload(fit.evidence, mass, std, moment)
+    carried = carried_payload(fit.evidence, mass, std, free.values[own][1:4])
     if carried is None:
         return
 
@@ -316,20 +319,6 @@ def _payloads(fit: TorqueFit) -> Iterator[Cause]:
         return replace(evidence, robot=evidence.robot.with_payload(carried))
 
     yield Cause("payload", (), mass, correct, 2, std, payload=carried)
-
-
-def payload_of(fit: TorqueFit) -> tuple[float, float, Float]:
-    """Return the most likely mass beyond the model's payload, its deviation, and its moments.
-
-    Returns:
-        [kg], [kg], and shape (3,), in the frame of the last link. [kg m]
-    """
-    robot, own = fit.evidence.robot, fit.groups["payload"]
-    most = LARGEST_PAYLOAD * (robot.moving_mass - robot.payload_mass) + robot.payload_mass
-    free = fit.freed(
-        "payload", most * np.repeat([1.0, PAYLOAD_CENTRE, PAYLOAD_CENTRE**2], (1, 3, 6))
-    )
-    return float(free.values[own][0]), float(free.std[own][0]), free.values[own][1:4]
 
 
 def scale_words(factor: float) -> str:

@@ -106,11 +106,23 @@ def check_together(
     """Return whether recordings of one robot fit a model; their torque is judged together."""
     checks: list[Checks] = []
     parts: dict[int, Evidence] = {}
+    # Without a stated meaning the effort is read as well, to say which meaning would fit.
+    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
+    settings = Settings(effort=read_as, power_period=None)
+    if inputs is not None:
+        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
+    setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range)
     for place, path in enumerate(paths):
-        evidence = _evidence(path, model, effort, inputs, time_range)
+        windows = Windows(model)
+        result = replay(path, model, setup, on_output=windows.take)
+        evidence = evidence_of(
+            model, effort, *windows.blocks(), remarks_of(result), inputs,
+            result.pipeline.torque.robot.payload, windows.beyond,
+        )  # fmt: skip
+        del windows, result
         checks.append(checks_of(evidence))
         if TORQUE not in checks[-1].skipped:
-            parts[place] = evidence.thinned(without_power=True)
+            parts[place] = evidence.thinned()
     first = next(iter(parts.values()), None)
     alike = {
         place: part
@@ -139,29 +151,6 @@ def _contradicted(own: list[Finding], together: list[Finding], count: int) -> li
     ]  # fmt: skip
 
 
-def _evidence(
-    path: str | Path,
-    model: RobotModel,
-    effort: EffortMeaning,
-    inputs: Inputs | None,
-    time_range: TimeRange | None,
-) -> Evidence:
-    """What the checks need of a recording, in bounded memory."""
-    # Without a stated meaning the effort is read as well, to say which meaning would fit.
-    read_as = EffortMeaning.MOTOR_TORQUE if effort is EffortMeaning.NONE else effort
-    settings = Settings(effort=read_as, power_period=None)
-    if inputs is not None:
-        settings = replace(settings, meter_max_gap=inputs.meter_max_gap)
-    windows = Windows(model)
-    setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range)
-    result = replay(path, model, setup, on_output=windows.take)
-    torque, power, meter = windows.blocks()
-    carried = result.pipeline.torque.robot.payload
-    return evidence_of(
-        model, effort, torque, power, meter, remarks_of(result), inputs, carried, windows.beyond
-    )
-
-
 def checks_of(evidence: Evidence) -> Checks:
     """Return what is found; data that are spoiled blame nothing else."""
     remarks = evidence.remarks
@@ -170,8 +159,13 @@ def checks_of(evidence: Evidence) -> Checks:
             Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
             for text in remarks.problems
         ],
-        "joint states": _stream(remarks),
-    }
+        "joint states": [
+            Finding("joint_states", ERROR if one.everywhere else WARNING, ("joint_states",),
+                    one.sentence, float("nan"), float("nan"), one.setting,
+                    PARAMETERS if one.setting else "")
+            for one in remarks.stream
+        ],
+    }  # fmt: skip
     skipped: dict[str, str] = {}
     wrong = [one.cause for one in found["joint states"] if one.severity == ERROR]
     for name, one in CHECKS.items():
@@ -180,27 +174,17 @@ def checks_of(evidence: Evidence) -> Checks:
             skipped[name] = f"correct {spoilt} first"
             continue
         found[name], why = one(evidence) if name != METER else check_meter(evidence, wrong)
-        wrong += [entry.cause for entry in found[name] if _spoils(entry)]
+        wrong += [
+            entry.cause
+            for entry in found[name]
+            if entry.severity == ERROR or entry.cause in SPOILING
+        ]
         if why:
             skipped[name] = why
         if name == MOTION:
             found["joint states"] += _refused(remarks, wrong)
             wrong += [entry.cause for entry in found["joint states"] if entry.severity == ERROR]
     return Checks(found, skipped)
-
-
-def _spoils(finding: Finding) -> bool:
-    return finding.severity == ERROR or finding.cause in SPOILING
-
-
-def _stream(remarks: Remarks) -> list[Finding]:
-    """Say what is wrong with stamps and publishers of the joint states."""
-    return [
-        Finding("joint_states", ERROR if one.everywhere else WARNING, ("joint_states",),
-                one.sentence, float("nan"), float("nan"), one.setting,
-                PARAMETERS if one.setting else "")
-        for one in remarks.stream
-    ]  # fmt: skip
 
 
 def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:

@@ -181,16 +181,6 @@ def _unseen_causes(fit: TorqueFit, tried: list[tuple[Cause, TorqueFit]]) -> list
     return unseen
 
 
-def contradicts(part: Evidence, cause: Cause) -> bool:
-    """Return whether a recording becomes less likely without a cause.
-
-    Args:
-        part: Thinned.
-    """
-    fit = TorqueFit(part)
-    return fit_without(cause, fit).cost > fit.cost + ALIKE
-
-
 def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[list[Finding], str]:
     """Return findings on the torque against the model, and why there cannot be any.
 
@@ -206,10 +196,11 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
     if not fit.known.any():
         return [], f"no joint has {LEAST} with an acceleration"
     result = search(fit)
+    alone = [TorqueFit(part) for part in parts]
     findings = [
         _finding(evidence, one, result.last)
         for one in result.found
-        if not any(contradicts(part, one.cause) for part in parts)
+        if not any(fit_without(one.cause, part).cost > part.cost + ALIKE for part in alone)
     ]
     findings += _poor(evidence, result.last)
     findings += _source(evidence, result.last)
@@ -263,7 +254,9 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
             cause.value, float("nan"), "record more poses and faster motion, and check again",
             alternatives=alike,
         )  # fmt: skip
-    explained = _explained(found.fit, joints)
+    left = found.fit.errors.unexplained[list(joints) or slice(None)]
+    shares = 1.0 - left[np.isfinite(left)]
+    explained = f"{100 * max(shares.min(), 0.0):.0f} %" if len(shares) else "nothing"
     proof = f"without the correction the model explains {explained} of its torque"
     if found.fit.errors.surprise > 1.0:
         proof += (
@@ -277,15 +270,16 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
             f"{sentence}; with the correction, {why}: there are further mistakes",
             cause.value, float("nan"),
         )  # fmt: skip
-    severity = ERROR
     ratios = [evidence.model.joints[joint].gear_ratio for joint in joints]
     # assumed with a stated, wide deviation, as in first models
-    guessed = all(r.tag == "assumed" and (r.std or 0.0) > WIDE * abs(r.value) for r in ratios)
-    if cause.name in ("gear_ratio", "torque_scale") and guessed:
-        severity = WARNING
-        sentence += "; the gear ratio is a prior"
-    remedy, place = _remedy(evidence, cause)
-    return Finding(cause.name, severity, names, sentence, cause.value, float("nan"), remedy, place)
+    guessed = cause.name in ("gear_ratio", "torque_scale") and all(
+        r.tag == "assumed" and (r.std or 0.0) > WIDE * abs(r.value) for r in ratios
+    )
+    return Finding(
+        cause.name, WARNING if guessed else ERROR, names,
+        sentence + "; the gear ratio is a prior" * guessed,
+        cause.value, float("nan"), *_remedy(evidence, cause),
+    )  # fmt: skip
 
 
 def _words(evidence: Evidence, cause: Cause) -> str:
@@ -355,29 +349,20 @@ def _not_mended(last: TorqueFit, joints: Sequence[int]) -> str:
     return ""
 
 
-def _explained(fit: TorqueFit, joints: tuple[int, ...]) -> str:
-    """Least share of torque variance that the model explains, of some joints."""
-    left = fit.errors.unexplained
-    shares = [1.0 - left[j] for j in joints or range(len(left)) if np.isfinite(left[j])]
-    return f"{100 * max(min(shares), 0.0):.0f} %" if shares else "nothing"
-
-
 def _poor(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
     """Joints whose torque no single cause explains, by more than the model's Coulomb friction."""
     coulomb = [joint.friction.coulomb.value for joint in evidence.model.joints]
-    poor = [
-        (name, float(share))
-        for name, share, left, least in zip(
-            evidence.names, fit.errors.unexplained, fit.unexplained_rms, coulomb, strict=True
-        )
-        if share > POOR and left > least
-    ]
+    share = fit.errors.unexplained
+    poor = {
+        evidence.names[j]: float(share[j])
+        for j in np.flatnonzero((share > POOR) & (fit.unexplained_rms > coulomb)).tolist()
+    }
     if poor:
-        text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor)
+        text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor.items())
         yield Finding(
-            UNEXPLAINED, WARNING, tuple(name for name, _ in poor),
+            UNEXPLAINED, WARNING, tuple(poor),
             f"bodies and friction leave torque unexplained: {text}",
-            max(share for _, share in poor), float("nan"),
+            max(poor.values()), float("nan"),
             "check masses, gear ratios, the meaning of the effort, and forces from outside",
         )  # fmt: skip
 
@@ -410,22 +395,17 @@ def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
             continue
         joints = sorted({joint for cause in causes for joint in cause.joints})
         subject = tuple(evidence.names[joint] for joint in joints)
-        shown = what.format(", ".join(dict.fromkeys(_named(evidence, one) for one in causes)))
-        size = SIZE.get(name, "a mistake")
-        yield unjudged(
-            name,
-            subject,
-            shown,
-            f"{size} changes the torque by no more than the uncertainty of the model",
+        which = (
+            "all joints"
+            if len(one.joints) == len(evidence.names) > 2
+            else " with ".join(evidence.names[joint] for joint in one.joints)
+            for one in causes
         )
+        size = SIZE.get(name, "a mistake")
+        why = f"{size} changes the torque by no more than the uncertainty of the model"
+        yield unjudged(name, subject, what.format(", ".join(dict.fromkeys(which))), why)
     if np.isfinite(result.payload):
         sentence = f"a payload that is off by less than {result.payload:.2g} kg would not be found"
     else:
         sentence = "cannot be judged from this recording: the payload (it moves no measured joint)"
     yield Finding(UNJUDGED + "payload", NOTE, ("payload",), sentence, result.payload, float("nan"))
-
-
-def _named(evidence: Evidence, cause: Cause) -> str:
-    if len(cause.joints) == len(evidence.names) > 2:
-        return "all joints"
-    return " with ".join(evidence.names[joint] for joint in cause.joints)

@@ -181,22 +181,9 @@ class Bag:
         parts = [recording.between(*span) for span in self.spans]
         return [part for part in parts if len(part) > 1]
 
-    def only(self, span: Span) -> Bag:
-        """Return one stretch of the bag."""
-        return replace(self, spans=(span,))
-
-    def without(self, span: Span, guard_ns: int) -> Bag:
-        """Return the bag less a stretch and a moment on both sides of it."""
-        first, last = span
-        return replace(self, spans=((EVER[0], first - guard_ns), (last + guard_ns, EVER[1])))
-
     def with_meter_undone(self, low_pass: Delay | None, delay: Delay | None) -> Bag:
         """Return the bag with what its meter shows late undone when it is read."""
         return replace(self, meter_delay=applied(delay), meter_time_constant=applied(low_pass))
-
-    def sha256(self) -> str:
-        """First digits of the hash over the files with messages, in the order of their names."""
-        return sha256_of(self.path)
 
 
 class BagFacts(Described):
@@ -230,7 +217,7 @@ def facts(bag: Bag, recording: Recording) -> BagFacts:
     meter = recording.meter
     return BagFacts(
         name=bag.name,
-        sha256=bag.sha256(),
+        sha256=sha256_of(bag.path),
         origin=recording.origin,
         date=datetime.fromtimestamp(start * NANOSECOND, UTC).date().isoformat()
         if start > YEAR_2000 and VIRTUAL not in recording.origin
@@ -329,4 +316,10 @@ def folds_of(
             for number in range(count)
         ]
     blocks, guard = blocks_of(spans[0])
-    return "blocks", [Fold((bags[0].without(b, guard),), (bags[0].only(b),)) for b in blocks]
+    return "blocks", [
+        Fold(
+            (replace(bags[0], spans=((EVER[0], first - guard), (last + guard, EVER[1]))),),
+            (replace(bags[0], spans=((first, last),)),),
+        )
+        for first, last in blocks
+    ]

@@ -273,7 +273,8 @@ def _powers(
 ) -> PowerBlock:
     """The stages behind the torque, whose stamps rise."""
     friction = FrictionStage(model)
-    power = PowerStage(model, settings, ConditionLearner(model, settings))
+    condition = ConditionLearner(model, settings)
+    power = PowerStage(model, settings, condition)
     parts: list[PowerBlock | None] = []
     for first in range(0, len(torque), ROWS):
         rows = torque[slice(first, first + ROWS)]
@@ -282,9 +283,9 @@ def _powers(
         if temperatures is not None:
             arrived = temperatures[_inside(temperatures.stamp_ns, since, until)]
             if len(arrived) and (found := friction.step(arrived)) is not None:
-                power.friction(found)
+                power.timeline.add(found)
         if meter is not None and len(read := meter[_inside(meter.stamp_ns, since, until)]):
-            power.measure(read)
+            condition.measure(read)
         parts.append(power.step(rows))
     parts.append(power.flush())
     return PowerBlock.concatenate([without_deviation(part) for part in parts if part is not None])
@@ -318,13 +319,9 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
     return replace(earlier, power=power)
 
 
-def spread(recordings: Sequence[Recording], seconds: float = SPREAD) -> list[Recording]:
-    """Return minutes of all recordings, an equal share of each, see `Recording.spread`.
-
-    Args:
-        seconds: That they last together, about. [s]
-    """
-    return [part.spread(seconds / len(recordings)) for part in recordings]
+def spread(recordings: Sequence[Recording]) -> list[Recording]:
+    """Return minutes of all recordings, an equal share of each, see `Recording.spread`."""
+    return [part.spread(SPREAD / len(recordings)) for part in recordings]
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:

@@ -45,6 +45,7 @@ class TotalFound:
             cannot be determined, or was known before.
         low_pass: Time constant of a low pass in the meter; likewise.
         fan_power: Of the fan of the cabinet, by all readings; None without one. [W]
+        without_fan: Score of identified losses without that fan; None without one.
     """
 
     data: Sums
@@ -54,6 +55,7 @@ class TotalFound:
     delay: Delay | None = None
     low_pass: Delay | None = None
     fan_power: float | None = None
+    without_fan: EnergyScore | None = None
 
 
 @dataclass(frozen=True)
@@ -136,12 +138,15 @@ def find_drives(
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)
-        fan_power = None
+        fan_power = without = None
         if model is not None and pieces.fan is not None:
             pieces, fan_power = _with_fan_fitted(pieces, fit, model)
             fit = fit_total(pieces)
+            assert pieces.fan is not None
+            whole = replace(pieces, measured=pieces.measured + pieces.fan)
+            without = compare_total(whole, None)[1].get("identified")
         total = TotalFound(
-            pieces, fit, *compare_total(pieces, model, fit), lag, low_pass, fan_power
+            pieces, fit, *compare_total(pieces, model, fit), lag, low_pass, fan_power, without
         )
     if drives is None and total is None:
         raise NotIdentifiableError(

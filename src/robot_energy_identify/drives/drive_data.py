@@ -186,8 +186,8 @@ class DriveData:
         return len(self.meters)
 
 
-def _of_model(recording: Recording) -> Float:
-    """Motor torque of the model, at rest the measured one where it is known, shape (N, n)."""
+def winding_torque(recording: Recording) -> Float:
+    """Return the torque of the model, at rest the measured one where it is known, (N, n). [N m]"""
     power, model = recording.power, recording.model
     standing = np.abs(power.motor_velocity) <= motor_standstill(model)
     measured = recording.torque.motor_torque_measured
@@ -215,7 +215,7 @@ def drive_data(
         [
             np.where(
                 part.sound[:, None],
-                part.torque.motor_torque_measured if measured_torque else _of_model(part),
+                part.torque.motor_torque_measured if measured_torque else winding_torque(part),
                 np.nan,
             )
             for part in recordings

@@ -100,15 +100,12 @@ def numerical_rank(pivots: Float) -> int:
     return int(suspect[np.argmax(gap[suspect])]) + 1
 
 
-def base_parameters(
-    columns: Float, names: Sequence[str], order: Sequence[int] | None = None
-) -> BaseParameters:
+def base_parameters(columns: Float, names: Sequence[str]) -> BaseParameters:
     """Return the groups of parameters that columns distinguish.
 
     Args:
         columns: In their own units, on motion that excites everything, shape (M, P).
             [N m/parameter]
-        order: Which parameters stand for a group, the preferred first; default as they are.
     """
     from scipy.linalg import qr
 
@@ -119,11 +116,9 @@ def base_parameters(
     floor = pivots[rank] if rank < len(pivots) else 0.0
     least = float(np.sqrt(pivots[rank - 1] * max(floor, np.finfo(float).tiny))) if rank else np.inf
     least = max(least, 10.0 * float(floor))
-    chosen = np.array(
-        sorted(independent(triangle, least * np.ones(columns.shape[1]), order)[:rank]), np.int64
-    )
-    rest_of = [index for index in range(columns.shape[1]) if index not in chosen]
-    others = np.array(rest_of, dtype=np.int64)
+    every = np.arange(columns.shape[1])
+    chosen = np.array(independent(triangle, np.full(len(every), least))[:rank], np.int64)
+    others = np.setdiff1d(every, chosen)
     relation = np.linalg.lstsq(triangle[:, chosen], triangle[:, others], rcond=None)[0]
     return BaseParameters(tuple(names), chosen, others, relation)
 

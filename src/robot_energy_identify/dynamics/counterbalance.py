@@ -57,11 +57,8 @@ def _strength(entry: AnySpring) -> PositiveFigure:
 
 def without_springs(model: RobotModel, springs: Mapping[int, AnySpring]) -> RobotModel:
     """Return a model without some counterbalances."""
-    joints = [
-        joint.model_copy(update={"counterbalance": None}) if place in springs else joint
-        for place, joint in enumerate(model.joints)
-    ]
-    return model.changed(joints=joints)
+    names = [model.joint_names[joint] for joint in springs]
+    return model.with_joints("counterbalance", dict.fromkeys(names))
 
 
 def spring_columns(springs: Mapping[int, AnySpring]) -> tuple[ParameterColumn, ...]:

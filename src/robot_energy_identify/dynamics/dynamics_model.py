@@ -23,7 +23,7 @@ SOURCE = "identify dynamics"  # of its figures
 IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}
 
 
-def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = "") -> RobotModel:
+def to_model(result: Dynamics, recordings: Sequence[str] = ()) -> RobotModel:
     """Return the model, not yet saved, with identified bodies, rotors and friction.
 
     Bodies are those of the physically consistent fit: single figures of a body that torque
@@ -50,7 +50,7 @@ def to_model(result: Dynamics, recordings: Sequence[str] = (), data_date: str = 
         "inertial parameters",
     )
     done = "Dynamics identified from motor torque."
-    provenance = identified_from(model.provenance, done, recordings, data_date)
+    provenance = identified_from(model.provenance, done, recordings)
     update = {"joints": joints, "urdf": urdf, "provenance": provenance}
     return model.model_copy(update=update).with_urdf(urdf_xml, model.source)
 

@@ -23,7 +23,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction, Stribeck, ViscousExponent
-from robot_energy.timeline.blocks import Float, Int
+from robot_energy.timeline.blocks import Float
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.friction.further_terms import (
     exponent_of,
@@ -44,7 +44,6 @@ from robot_energy_identify.friction.laws import (
 from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import (
     HeldOut,
-    Mask,
     held_out,
     rms_of,
     simplest,
@@ -219,7 +218,13 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
     if falls(fits["constant"], moving):
         try:
             laws["constant"], fits["constant"], term = fit_falling(moving, source)
-            errors["constant"], chosen = _held_out_falling(moving, fold), "constant"
+            plain = replace(moving, deviations=False)
+            errors["constant"] = held_out(
+                moving.friction_torque,
+                fold,
+                lambda train, test: falling_torque(plain.rows(train), plain.rows(test)),
+            )
+            chosen = "constant"
             warnings.append(
                 f"{moving.name}: its friction falls with speed, so it has a Stribeck term and "
                 "does not follow temperature; record faster motions as well"
@@ -271,15 +276,6 @@ def falls(constant: Fit, data: FrictionData) -> bool:
     return -viscous > MIN_NEGATIVE_STD * std and share > MIN_NEGATIVE_SHARE
 
 
-def _held_out_falling(data: FrictionData, fold: Int) -> HeldOut:
-    data = replace(data, deviations=False)
-
-    def predict(train: Mask, test: Mask) -> Float:
-        return falling_torque(data.rows(train), data.rows(test))
-
-    return held_out(data.friction_torque, fold, predict)
-
-
 def falling_torque(train: FrictionData, seen: FrictionData) -> Float:
     """Return the torque of friction with a Stribeck term, fitted to samples, at others. [N m]"""
     law, found, term = fit_falling(train, "")
@@ -327,11 +323,6 @@ def points_of(laws: dict[str, LawEntry], span: tuple[float, float]) -> tuple[Poi
 
 def with_friction(model: RobotModel, fits: Sequence[FrictionFit], source: str) -> RobotModel:
     """Return a model with identified friction; axes that were not identified keep theirs."""
-    found = {fit.name: fit for fit in fits}
-    joints = [
-        joint.model_copy(update={"friction": found[joint.name].entry(joint.friction, source)})
-        if joint.name in found
-        else joint
-        for joint in model.joints
-    ]
-    return model.changed(joints=joints)
+    before = {joint.name: joint.friction for joint in model.joints}
+    found = {fit.name: fit.entry(before[fit.name], source) for fit in fits}
+    return model.with_joints("friction", found)

@@ -15,7 +15,6 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
-from robot_energy.timeline.blocks import Float
 from robot_energy_identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import rms_of
@@ -100,28 +99,17 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
                 raise
             refused.append(f"{data.name}: no {name} law, because {error.found}")
             continue
-        rest = nuisance(fit, unseen)
+        coulomb, speed = float(fit.values[0]), unseen.motor_velocity
+        measured = unseen.friction_torque - nuisance(fit, unseen)
+        power = float(np.mean(measured * speed))
         for beyond in get_args(Outside) if FRICTION_LAWS[name].beyond_range else ("hold",):
             curve = viscous_law(law.model_copy(update={"outside": beyond}))
             viscous = curve.viscous(unseen.motor_temperature_degc)
-            torque = fit.values[0] * unseen.sign + viscous * unseen.motor_velocity
-            rows.append(_row(beyond, torque, unseen, rest, float(fit.values[0]), law))
+            torque = coulomb * unseen.sign + viscous * speed
+            bias = float(np.mean(torque * speed)) / power - 1.0
+            error = rms_of(torque - measured)
+            rows.append(FrictionStudyRow(name, beyond, error, bias, coulomb, law))
     return Study(train, test, len(fitted), len(unseen), tuple(rows), tuple(refused))
-
-
-def _row(
-    beyond: str, torque: Float, unseen: FrictionData, rest: Float, coulomb: float, law: LawEntry
-) -> FrictionStudyRow:
-    measured = unseen.friction_torque - rest
-    power = float(np.mean(measured * unseen.motor_velocity))
-    return FrictionStudyRow(
-        law.law,
-        beyond,
-        rms_of(torque - measured),
-        float(np.mean(torque * unseen.motor_velocity)) / power - 1.0,
-        coulomb,
-        law,
-    )
 
 
 def shuffled(data: FrictionData, seed: int) -> FrictionData:

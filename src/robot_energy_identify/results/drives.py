@@ -12,6 +12,13 @@ from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.stats.lag import Delay
 
+MeterDelay = Annotated[
+    Delay | None, "Lag of the meter behind the joint states; None where it cannot be determined."
+]
+MeterTimeConstant = Annotated[
+    Delay | None, "Time constant of a low pass in the meter; None where it cannot be determined."
+]
+
 
 class LossTerm(Result):
     """One coefficient of the loss model."""
@@ -44,14 +51,8 @@ class TotalPower(Result):
     block_rms: Annotated[dict[str, float], "RMS error on blocks not seen, by structure. [W]"]
     held_out: Annotated[str, "``recordings`` or ``blocks``."]
     ways: Annotated[dict[str, EnergyScore], "Predictions of held-out readings, by way."]
-    meter_delay: Annotated[
-        Delay | None,
-        "Lag of the meter behind the joint states; None where it cannot be determined.",
-    ]
-    meter_time_constant: Annotated[
-        Delay | None,
-        "Time constant of a low pass in the meter; None where it cannot be determined.",
-    ]
+    meter_delay: MeterDelay
+    meter_time_constant: MeterTimeConstant
     notes: Annotated[Texts, "What the readings do not determine, one sentence each."]
     parts: Annotated[
         dict[str, dict[str, float]], "Of the standard deviations, by column of the fit and cause."

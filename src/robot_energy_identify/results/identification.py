@@ -18,11 +18,15 @@ from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.temperature_study import Study
-from robot_energy_identify.results.drives import DrivesReport, drives_report
+from robot_energy_identify.results.drives import (
+    DrivesReport,
+    MeterDelay,
+    MeterTimeConstant,
+    drives_report,
+)
 from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
 from robot_energy_identify.run_all import FullIdentification
 from robot_energy_identify.stats.held_out_energy import HeldOutEnergy
-from robot_energy_identify.stats.lag import Delay
 from robot_energy_identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
 from robot_energy_identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW, GearsFound
 from robot_energy_identify.thermal.network import ThermalFit
@@ -127,14 +131,8 @@ class CabinetReport(Result, name="cabinet"):
     """Constant losses of the cabinet, and energy of the DC link."""
 
     losses: Annotated[CabinetFit, "Constant losses."]
-    meter_delay: Annotated[
-        Delay | None,
-        "Lag of the meter behind the joint states; None where it cannot be determined.",
-    ]
-    meter_time_constant: Annotated[
-        Delay | None,
-        "Time constant of a low pass in the meter; None where it cannot be determined.",
-    ]
+    meter_delay: MeterDelay
+    meter_time_constant: MeterTimeConstant
     link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not determined."]
     link_taken: Annotated[bool, "Whether the model has it."]
     link_reason: Annotated[str, "Why the model does not have it; empty if it has."]
@@ -179,14 +177,8 @@ class IdentificationReport(Result, name="identification"):
     recordings: Annotated[tuple[BagFacts, ...], "Bags of the fit."]
     tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
     steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
-    meter_delay: Annotated[
-        Delay | None,
-        "Lag of the meter behind the joint states; None where it cannot be determined.",
-    ]
-    meter_time_constant: Annotated[
-        Delay | None,
-        "Time constant of a low pass in the meter; None where it cannot be determined.",
-    ]
+    meter_delay: MeterDelay
+    meter_time_constant: MeterTimeConstant
     energy: Annotated[
         HeldOutEnergy | None, "Energy errors on held-out recordings; None if there was no test."
     ]

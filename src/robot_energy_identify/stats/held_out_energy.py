@@ -264,28 +264,23 @@ def _test(
 
 
 def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
-    compared = tuple(
-        part for part in (_within(part, span) for part in recording.compared) if len(part.measured)
-    )
+    compared: list[Compared] = []  # readings that lie wholly inside the span
     sums = PowerErrorSums()  # of the mean power between readings, each weighted by its time
-    for part in compared:
-        sums.step(part)
+    for part in recording.compared:
+        inside = (part.stamp_ns - part.duration_ns >= span[0]) & (part.stamp_ns <= span[1])
+        if inside.any():
+            compared.append(part[inside])
+            sums.step(compared[-1])
     rows, predicted = _known_torque(recording, span), recording.power.motor_torque
     measured = recording.torque.motor_torque_measured[rows]
     return HeldOutPrediction(
-        compared,
+        tuple(compared),
         float(sum(part.drawn.sum() for part in compared)),
         sums.rms,
         _shaft(recording, predicted, span),
         relative_error(predicted[rows] - measured, measured),
         predicted[_shown(recording, span)],
     )
-
-
-def _within(part: Compared, span: Span) -> Compared:
-    """The readings that lie wholly inside a span."""
-    rows = (part.stamp_ns - part.duration_ns >= span[0]) & (part.stamp_ns <= span[1])
-    return part[rows]
 
 
 def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:

@@ -50,11 +50,12 @@ class LowPassTorqueError:
         cuts = np.flatnonzero(np.diff(self._stamp_ns) > MAX_STEP / NANOSECOND) + 1
         for cut in np.diff(cuts, prepend=0).tolist():
             self._take(cut)
-        if len(self._stamp_ns) and self._length() >= PIECE:
-            self._take(len(self._stamp_ns))
+        stamp = self._stamp_ns
+        if len(stamp) and (stamp[-1] - stamp[0]) * NANOSECOND >= PIECE:
+            self.finish()
 
     def finish(self) -> None:
-        """Take what waits: the recording has ended."""
+        """Take what waits, as at the end of a recording."""
         self._take(len(self._stamp_ns))
 
     def add(self, other: LowPassTorqueError) -> None:
@@ -70,9 +71,6 @@ class LowPassTorqueError:
     def relative_of_all(self) -> float:
         """Of all joints together. [-]"""
         return float(_ratio(*self._squares.sum(axis=1)))
-
-    def _length(self) -> float:
-        return float(self._stamp_ns[-1] - self._stamp_ns[0]) * NANOSECOND
 
     def _take(self, count: int) -> None:
         """Add the first rows that wait, and forget them."""

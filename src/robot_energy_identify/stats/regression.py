@@ -10,7 +10,7 @@ Student's t says (`student`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Literal
@@ -237,18 +237,16 @@ def qr_r(rows: Float) -> Float:
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)  # pyright: ignore
 
 
-def independent(columns: Float, least: Float, order: Iterable[int] | None = None) -> list[int]:
+def independent(columns: Float, least: Float) -> list[int]:
     """Return the places, in order, of the columns that those before them do not explain.
 
     Args:
         columns: In their own units, shape (N, P). [-]
         least: Length that must be left of each column, shape (P,). [-]
-        order: Places of the columns, the preferred first; None: as they are.
     """
     base = np.empty((len(columns), 0))
     found: list[int] = []
-    for place in range(columns.shape[1]) if order is None else order:
-        rest = columns[:, place]
+    for place, rest in enumerate(columns.T):
         for _ in range(2):  # once more, against the rounding of the first time
             rest = rest - base @ (base.T @ rest)
         left = float(np.linalg.norm(rest))
@@ -324,14 +322,8 @@ def jackknife(block: Int) -> Covariance:
     return covariance
 
 
-def undeviated(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
-    """Return NaN for each: a fit that only predicts what was held out needs no covariance.
-
-    Args:
-        columns: Shape (N, P) or (N, n, P). [target/parameter]
-        residual: Shape (N,) or (N, n). [any unit]
-        weight: Same shape. [-]
-    """
+def _undeviated(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
+    """NaN for each: a fit that only predicts what was held out needs no covariance."""
     size = columns.shape[-1]
     return np.full((size, size), np.nan), np.full(1, np.nan), float("nan")
 
@@ -359,7 +351,7 @@ def regress(
     known = np.linalg.qr(columns) if base is None else base
     _require_excitation(columns, known[1], names, what)
     if not deviations:
-        return fit(columns, target, names, undeviated, method, base=known, settled=ROUGHLY)
+        return fit(columns, target, names, _undeviated, method, base=known, settled=ROUGHLY)
     return fit(columns, target, names, jackknife(block), method, base=known)
 
 

@@ -147,25 +147,19 @@ class _Axis:
             found.append(lagged(target, float(time), degc[:1] + start))
         return found
 
-    def residual(
-        self, degc: Sequence[Float], scale: float, linear: Float | None = None,
-        runs: Sequence[GearRun] | None = None,
-    ) -> tuple[Float, Float]:  # fmt: skip
-        """Linear figures, fitted if not given, and what they leave of every triangle's rows."""
-        used = self.runs if runs is None else runs
+    def residual(self, degc: Sequence[Float], scale: float) -> tuple[Float, Float]:
+        """Linear figures, and what they leave of every triangle's rows."""
         parts: list[Float] = []
-        for run, own in zip(used, degc, strict=True):
+        for run, own in zip(self.runs, degc, strict=True):
             decay = np.exp(-(own - self.middle) / scale)[:, None, None]
             columns = run.triangles[:, :, :3]
             both = np.concatenate([columns, columns[:, :, 1:2] * decay], axis=2)
             parts.append(both.reshape(-1, 4))
         table = np.concatenate(parts)
-        target = np.concatenate([run.triangles[:, :, 3].reshape(-1) for run in used])
-        if linear is None:
-            linear = np.linalg.lstsq(table, target, rcond=None)[0]
-            if linear[3] < 0.0:  # friction does not rise with the temperature
-                fewer = np.linalg.lstsq(table[:, :3], target, rcond=None)[0]
-                linear = np.append(fewer, 0.0)
+        target = np.concatenate([run.triangles[:, :, 3].reshape(-1) for run in self.runs])
+        linear = np.linalg.lstsq(table, target, rcond=None)[0]
+        if linear[3] < 0.0:  # friction does not rise with the temperature
+            linear = np.append(np.linalg.lstsq(table[:, :3], target, rcond=None)[0], 0.0)
         return linear, target - table @ linear
 
     def work(self, run: GearRun, degc: Float, scale: float, linear: Float) -> tuple[Float, Float]:
@@ -257,7 +251,7 @@ def fit_gear(
             temperature predicts as well what the fit has not seen.
     """
     runs = gear_runs(data)
-    if not any(map(_is_warm_up, runs)):
+    if not any(run.moving >= MIN_WINDOWS and run.rise >= MIN_RISE for run in runs):
         raise NotIdentifiableError(
             f"{data.name}: no recording shows its gear warming up",
             f"{MIN_WINDOWS * WINDOW / 60.0:.0f} min of work in which its motor warms by "
@@ -276,7 +270,7 @@ def fit_gear(
     axis = _Axis(runs, ambient_degc)
     found = axis.fit()
     followed = np.full(len(data), np.nan)
-    numbers = [n for n in np.unique(data.run) if _is_known(data, n)]
+    numbers = np.unique(data.run[np.isfinite(data.motor_temperature_degc)])
     for number, run, own in zip(numbers, runs, axis.degc(found.values, found.starts), strict=True):
         followed[data.run == number] = own[run.window]
     followed[np.isnan(data.motor_temperature_degc)] = np.nan
@@ -293,14 +287,6 @@ def fit_gear(
     )
     # Weights would prefer the many calm samples of a long recording, and miss the work.
     return fit, replace(data, motor_temperature_degc=followed, method="ols")
-
-
-def _is_warm_up(run: GearRun) -> bool:
-    return run.moving >= MIN_WINDOWS and run.rise >= MIN_RISE
-
-
-def _is_known(data: FrictionData, number: int) -> bool:
-    return bool(np.isfinite(data.motor_temperature_degc[data.run == number]).any())
 
 
 def _held_out(runs: Sequence[GearRun], ambient: float) -> tuple[float, float]:
@@ -378,13 +364,9 @@ class GearsFound(Described):
             names: Joints whose friction was identified: those without a fit follow their motors.
         """
         found = {fit.name: fit.gear for fit in self.fits}
-        joints = [
-            joint.model_copy(update={"gear": found.get(joint.name)})
-            if joint.name in names and (joint.gear is not None or joint.name in found)
-            else joint
-            for joint in model.joints
-        ]
-        model = model.changed(joints=joints)
+        before = [joint.name for joint in model.joints if joint.gear is not None]
+        changed = {name: found.get(name) for name in names if name in found or name in before}
+        model = model.with_joints("gear", changed)
         return with_ambient(model, self.ambient_degc) if self.fits else model
 
 

@@ -172,12 +172,8 @@ def with_networks(model: RobotModel, fits: Sequence[ThermalFit], ambient_degc: f
     Args:
         ambient_degc: Of the air during the recordings. [degC]
     """
-    found = {fit.name: fit.network for fit in fits}
-    joints = [
-        joint.model_copy(update={"thermal": found[joint.name]}) if joint.name in found else joint
-        for joint in model.joints
-    ]
-    return with_ambient(model.changed(joints=joints), ambient_degc)
+    found = model.with_joints("thermal", {fit.name: fit.network for fit in fits})
+    return with_ambient(found, ambient_degc)
 
 
 def with_ambient(model: RobotModel, ambient_degc: float | None) -> RobotModel:

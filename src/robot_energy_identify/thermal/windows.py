@@ -63,9 +63,7 @@ class ThermalRun:
 
 def without_networks(model: RobotModel) -> RobotModel:
     """Return a model that estimates no temperature, so that readings alone are seen."""
-    return model.changed(
-        joints=[joint.model_copy(update={"thermal": None}) for joint in model.joints]
-    )
+    return model.with_joints("thermal", dict.fromkeys(model.joint_names))
 
 
 def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[ThermalRun]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.certainty.deviation import FigureDeviations
+from robot_energy.certainty.figure_deviations import FigureDeviations
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS

@@ -13,16 +13,15 @@ from robot_energy.foundation.units import JOULE_PER_WH
 MAX_SHOWN = 5  # digits of the largest flow
 GRID, BUS, CABINET, BRAKE = "grid", "bus", "cabinet", "brake"
 FRICTION, DRIVES, MOTION, CAPACITOR = "friction", "drives", "motion", "capacitor"
-LABELS = {
-    GRID: "Grid",
-    BUS: "DC bus",
-    CABINET: "Constant losses",
-    BRAKE: "Brake resistor",
-    FRICTION: "Friction",
-    DRIVES: "Drive losses",
-    MOTION: "Lifting, accelerating",
-    CAPACITOR: "Capacitor",
+PARTS = {  # of the energy from the grid, as all tables and pictures name them
+    MOTION: "lifting, accelerating",
+    FRICTION: "friction",
+    DRIVES: "drive losses",
+    CABINET: "constant losses",
+    BRAKE: "brake resistor",
+    CAPACITOR: "capacitor",
 }
+LABELS = {GRID: "Grid", BUS: "DC bus"} | {part: name.capitalize() for part, name in PARTS.items()}
 
 
 @dataclass(frozen=True)

@@ -46,12 +46,11 @@ LEFT_AS_THEY_ARE = (
 )
 
 
-def with_hints(html: str, hint: str = '<abbr title="{}">{}</abbr>') -> tuple[str, list[str]]:
+def with_hints(html: str) -> tuple[str, list[str]]:
     """Return HTML with a hint at the first place of each term, and the terms that occur.
 
     Args:
         html: Well formed; titles, code, links and figures are left as they are.
-        hint: How one is written: with the meaning and the words as they stand.
     """
     found: list[str] = []
     inside: list[str] = []
@@ -65,13 +64,13 @@ def with_hints(html: str, hint: str = '<abbr title="{}">{}</abbr>') -> tuple[str
                 elif not part.endswith("/>"):
                     inside.append(name)
         elif part and not inside:
-            parts[place] = _TERM.sub(lambda match: _hinted(match, found, hint), part)
+            parts[place] = _TERM.sub(lambda match: _hinted(match, found), part)
     return "".join(parts), sorted(found, key=str.lower)
 
 
-def _hinted(match: re.Match[str], found: list[str], hint: str) -> str:
+def _hinted(match: re.Match[str], found: list[str]) -> str:
     term = _BY_GROUP[(match.lastindex or 1) - 1]
     if term in found:
         return match[0]
     found.append(term)
-    return hint.format(TERMS[term], match[0])
+    return f'<abbr title="{TERMS[term]}">{match[0]}</abbr>'

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from accounts import steady
-from robot_energy.accounting.sample_counts import SampleCounts
+from robot_energy.accounting.exact_sum import SampleCounts
 from robot_energy.timeline.blocks import Phase, PowerBlock, Quality
 
 SIZE = 1500

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.certainty import deviation
+from robot_energy.certainty import figure_deviations
 from robot_energy.certainty.band import Z90, energy_variances, half_width, scores
 from robot_energy.certainty.deviation import (
     CABINET_DEVIATIONS,
     TOGETHER_NAME,
     names_of,
-    payload_shares,
 )
+from robot_energy.certainty.figure_deviations import payload_shares
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.certainty.priors import SPREAD
 from robot_energy.foundation.errors import ModelFileError
@@ -114,7 +114,7 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
     path, std, name, monkeypatch
 ):
     """Friction also changes the torque, and with it copper loss: second order, left out."""
-    monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
+    monkeypatch.setattr(figure_deviations, "FORM_AT_REST", 0.0)
     found = certain(data())
     found["joints"][0]["friction"]["load_coulomb"] = {**robots.figure(0.02), "std": 0.0}
     found["joints"][0]["friction"]["viscous_exponent"] = {
@@ -153,7 +153,7 @@ def test_the_deviation_of_figures_known_together_is_that_of_their_covariance(mon
 
     The error of viscous friction is in deviations of its law.
     """
-    monkeypatch.setattr(deviation, "FORM_AT_REST", 0.0)
+    monkeypatch.setattr(figure_deviations, "FORM_AT_REST", 0.0)
     found = certain(data())
     for joint in found["joints"]:  # else friction also changes the copper loss: second order
         joint["losses"]["copper"]["value"] = 0.0

@@ -6,7 +6,7 @@ import pytest
 
 from histories import MINUTE, Robot
 from robot_energy_cli.main import main
-from robot_energy_history.friction import LearnedFriction
+from robot_energy_history.readings import LearnedFriction
 from robot_energy_history.store import HistoryStore
 
 TARIFF = """

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import robots
 from robot_energy.certainty.band import TEMPERATURE
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
@@ -12,8 +13,23 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     PowerBlock,
     Quality,
+    TemperatureBlock,
 )
-from warm_wheel import AIR, COULOMB, MOTOR, SPEED, integrated, readings, turning, viscous, wheel
+from warm_wheel import (
+    AIR,
+    CAPACITY,
+    COULOMB,
+    MOTOR,
+    SPEED,
+    TO_AIR,
+    TO_MOTOR,
+    S,
+    integrated,
+    readings,
+    turning,
+    viscous,
+    wheel,
+)
 
 WORKED = 45.0  # degC of a motor that has worked: its gear may be warmer or colder
 
@@ -131,6 +147,18 @@ def test_a_restart_goes_on_where_it_was():
     hours = turning(30.0, start=1900.0 + 6 * 3600.0)
     played(rested, hours, readings(30, 20.0, start=1900 + 6 * 3600))
     assert rested.condition.thermal.friction_degc[0] < AIR + 3.0
+    assert rested.condition.thermal.friction_std[0] < 3.0  # the air may have changed by 2.4 K
+
+
+@pytest.mark.parametrize("off", [0.0, 25.0])
+def test_after_a_restart_the_deviation_goes_on_unless_a_motor_is_elsewhere(off):
+    first, again = EnergyPipeline(wheel(std=0.0)), EnergyPipeline(wheel(std=0.0))
+    played(first, turning(1800.0), readings(1800, WORKED))
+    kept = first.condition.thermal.friction_std[0]
+    again.condition.thermal.restore(first.condition.thermal.state())
+    played(again, turning(15.0, start=1905.0), readings(15, WORKED + off, start=1905))
+    now = again.condition.thermal.friction_std[0]
+    assert now == pytest.approx(np.hypot(kept, 0.3 * off), rel=0.05)
 
 
 def test_a_wider_start_widens_the_deviation():
@@ -150,3 +178,42 @@ def test_before_a_gear_has_begun_its_unknown_temperature_is_in_the_deviation():
     assert (alone == 0.0).all()
     spread = 0.5 * (viscous(AIR - 5.0) - viscous(AIR + 5.0)) / viscous(AIR)  # of an earlier run
     assert apart == pytest.approx(spread * viscous(MOTOR) * SPEED**2, rel=0.03)
+
+
+def _shoulder(seconds, gear, motor=WORKED):
+    """The deviation by the temperature and the viscous friction of a shoulder without a gear."""
+    data = robots.two_link_data()
+    if gear:
+        data["joints"][1]["gear"] = wheel().joints[0].gear.model_dump()
+    ambient = {**robots.figure(AIR), "std": 0.5}
+    model = robots.two_link(
+        joints=data["joints"], temperature={"fallback_degc": AIR, "ambient_degc": ambient}
+    )
+    stamp = np.arange(100.0, 100.0 + seconds, 0.5)
+    velocity = np.column_stack([np.ones(len(stamp)), np.zeros(len(stamp))])
+    block = robots.joint_block(stamp, velocity * stamp[:, None], velocity, np.zeros_like(velocity))
+    read = TemperatureBlock(np.arange(100, 100 + seconds) * S, np.full((seconds, 2), motor))
+    power = played(EnergyPipeline(model), block, read)
+    return np.asarray(power.deviation)[:, TEMPERATURE], power.viscous[:, 0]
+
+
+def test_a_joint_whose_gear_no_recording_shows_has_the_deviation_of_its_start():
+    """It is as wide as of joints whose gear is known, and fades with the slowest of these."""
+    (spread, followed), (without, motor) = (_shoulder(1200, gear) for gear in (True, False))
+    assert (followed == motor).all()  # its friction is still that of the motor
+    assert (without == 0.0).all()
+
+    def law(degc):
+        return 1e-4 + 1e-3 * np.exp(-degc / 20.0)
+
+    start = 1.0 + 0.3 * (WORKED - AIR)
+    time = CAPACITY / (TO_MOTOR + TO_AIR)
+    for at in (11.0, 600.0, 1150.0):
+        off = start * np.exp(-(at // 10.0 - 1.0) * 10.0 / time)
+        expected = 0.5 * (law(WORKED - off) - law(WORKED + off)) * 100.0**2
+        assert spread[round(at / 0.5)] == pytest.approx(expected, rel=0.02)
+
+
+def test_a_cold_joint_whose_gear_no_recording_shows_is_as_warm_as_its_motor():
+    warm, cold = (_shoulder(20, True, motor)[0][-1] for motor in (WORKED, AIR))
+    assert 0.0 < cold < 0.4 * warm

@@ -12,7 +12,7 @@ import pytest
 
 from robot_energy.foundation.errors import DatasetError
 from robot_energy_fleet.dataset import Dataset, RowKey, read_tables, row_bytes, scan
-from robot_energy_fleet.dataset_columns import RUNS, SCHEMA, TABLES
+from robot_energy_fleet.tables import RUNS, SCHEMA, TABLES
 
 DAY = "2026-03-02"
 NAMED = {"name": "a-1-x", "key": "a-1-x", "bag": "a"}

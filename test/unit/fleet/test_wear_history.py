@@ -5,7 +5,7 @@ import pytest
 
 from robot_energy.condition.wear_records import FEATURES, WearRecord
 from robot_energy.foundation.units import HOUR_NS
-from robot_energy_fleet.wear_history import wear_history
+from robot_energy_fleet.findings import wear_history
 
 DAY_NS = 24 * HOUR_NS
 FEATURE = tuple(0.25 if place in (12, 13, 16, 17) else 0.0 for place in range(FEATURES))

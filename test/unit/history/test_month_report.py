@@ -15,8 +15,9 @@ from robot_energy_cli import main
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff, add_tariffs
 from robot_energy_report.canvas import PART_COLOURS
-from robot_energy_report.history_month import PARTS, month_document
+from robot_energy_report.history_month import MEANINGS, month_document
 from robot_energy_report.html import page_html
+from robot_energy_report.page.energy_flow import PARTS
 from robot_energy_report.page.terms import TERMS
 
 STATIC = Path(robot_energy_report.__file__).parent / "page/static"
@@ -70,7 +71,8 @@ def test_the_verdict_comes_first_and_is_the_sum_of_the_month(folder):
 def test_parts_have_one_name_in_report_and_page():
     script = (STATIC / "history.js").read_text()
     on_page = dict(re.findall(r'(\w+): "([^"]+)"', re.search("const PARTS = .*", script)[0]))
-    assert on_page == {part: name for part, (name, _) in PARTS.items()}
+    assert on_page == PARTS
+    assert PARTS.keys() == MEANINGS.keys()
     assert PARTS.keys() == PART_COLOURS.keys()  # no two look alike
     assert {"constant losses", "lifting, accelerating"} <= {*on_page.values()} & {*TERMS}
 

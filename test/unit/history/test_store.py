@@ -27,8 +27,7 @@ from robot_energy_history.api import history, history_events, history_friction, 
 from robot_energy_history.check import check, repair
 from robot_energy_history.differences import CLOCK, EARLIER
 from robot_energy_history.files import open_reader
-from robot_energy_history.friction import LearnedFriction
-from robot_energy_history.readings import COLUMNS, ReadingDecoder
+from robot_energy_history.readings import COLUMNS, LearnedFriction, ReadingDecoder
 from robot_energy_history.store import MAX_ROBOTS, HistoryStore
 
 IMPORT = "predicted_import_microjoule"

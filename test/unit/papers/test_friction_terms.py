@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from friction_terms import SHOWN, TERMS, held_out_terms, term_errors
 from robot_energy_identify.friction.samples import moving_samples
 from robot_energy_identify.stats.cross_validation import contiguous_folds
-from robot_energy_studies.friction_terms import SHOWN, TERMS, held_out_terms, term_errors
 from unit.identify.friction.test_friction import bent, falling_measurement, loaded, measurement
 
 NOISE = 0.05  # N m, of the samples

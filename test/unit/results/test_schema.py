@@ -12,13 +12,16 @@ import pytest
 from fleets import dataset
 from logbook import wheel_bag, wheel_model, write_csv
 from places import ROOT
+from robot_energy.foundation.described import texts_of
 from robot_energy.foundation.errors import ReportError
 from robot_energy.results.base import SCHEMA_VERSION, json_value
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
 from robot_energy_cli.result_schema import READABLE, RESULTS, read_result, schema_of
+from robot_energy_report.document import Document
 from terminal_tables import TERMINALS, lost_figures, recorded_documents
 
+ROWS = Document.rows
 SHIPPED = ROOT / "src/doc/results.schema.json"
 BAG, MOVES = ROOT / "bags/kr16_cold", ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 CELL = ROOT / "src/examples/auxiliary/mantis_cell.yaml"
@@ -142,11 +145,23 @@ def given(tmp_path_factory):
     return folder
 
 
+def checked_rows(document, title, columns, rows, total=""):
+    """Add a table of objects whose units are those that the fields state."""
+    kinds = type(rows[0]).__mro__ if rows else ()
+    texts = {name: text for kind in kinds for name, text in texts_of(kind)}
+    for column in columns:
+        unit = texts.get(column.value, "").partition("[")[2].rstrip("]").replace("] or [", " or ")
+        if unit and column.unit:
+            assert column.unit == unit or unit == "J" == column.unit[-1], (title, column.name)
+    ROWS(document, title, columns, rows, total)
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_fits_the_schema_and_the_terminal(name, given, tmp_path, monkeypatch, capsys):
     """Its JSON is as the schema says; no digit of what it prints is lost at usual widths."""
     shutil.copytree(given, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Document, "rows", checked_rows)
     if name.startswith("fleet"):
         dataset(tmp_path / "fleet", 2, faults=False, days=1)
     if name == "auxiliary":

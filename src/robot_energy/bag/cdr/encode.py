@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from struct import pack
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,12 +21,9 @@ from robot_energy.bag.cdr.schema import (
     leaf_paths,
     tree,
 )
-from robot_energy.bag.cdr.types import typestore as default_typestore
+from robot_energy.bag.cdr.types import typestore
 from robot_energy.bag.cdr.walk import HEADER_SIZE, walk
 from robot_energy.foundation.errors import MessageTypeError, ShapeError
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
 
 _FITTING = {"f": "fiub", "i": "iub", "u": "iub"}
 """Kinds of numpy array that may be written to a field of each kind."""
@@ -40,7 +37,6 @@ class Encoder:
             empty), tuple of str for a string sequence or for the string of each element of an
             array of messages (which also fixes the length), number or tuple of numbers for a
             numeric field.
-        typestore: Definitions; default those of ROS 2 Jazzy and ros2_energy_msgs.
 
     Attributes:
         fields: Paths of the numeric fields that ``encode`` needs.
@@ -51,12 +47,11 @@ class Encoder:
         msgtype: str,
         constants: Mapping[str, Any] | None = None,
         lengths: Mapping[str, int] | None = None,
-        typestore: Typestore | None = None,
     ) -> None:
         self.msgtype = msgtype
         self._constants = dict(constants or {})
         self._lengths = dict(lengths or {})
-        schema = compile_schema(msgtype, default_typestore() if typestore is None else typestore)
+        schema = compile_schema(msgtype, typestore())
         paths = leaf_paths(schema)
         for path in self._constants:
             leaf(schema, path, msgtype)

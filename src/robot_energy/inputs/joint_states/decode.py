@@ -21,10 +21,10 @@ from robot_energy.timeline.stamps import (
     BACKWARD_JUMP_NS,
     BAD_STAMP,
     MAX_STAMP_NS,
+    OLDER,
     newest_by_epoch,
     valid_stamps,
 )
-from robot_energy.timeline.streams import OLDER
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -123,11 +123,11 @@ class JointStateReader:
         typestore: Message definitions of the source; those known here by default.
         source: What dates the messages, what they call the joints, where that is not
             ``joint_names``, which are read as well, and what corrects them.
+        recorded: Notes when messages came, used or not; None where that is of no use.
 
     Attributes:
         ignored_joints: Joints met that the model does not know.
         known_names: What messages may call the joints, in model order: each way that is read.
-        recorded: When messages came, used or not.
         arrival_ns: When the last message that was read came. [ns]
     """
 
@@ -138,10 +138,11 @@ class JointStateReader:
         effort: bool = False,
         typestore: Typestore | None = None,
         source: JointStateSource | None = None,
+        recorded: RecordedTime | None = None,
     ) -> None:
         source = source or JointStateSource()
         self.ignored_joints: set[str] = set()
-        self.recorded = RecordedTime()
+        self._recorded = recorded
         self.arrival_ns = 0
         self._log = log
         names = tuple(joint_names)
@@ -172,7 +173,9 @@ class JointStateReader:
             if len(batch):
                 self.arrival_ns = max(self.arrival_ns, int(batch.log_time_ns[-1]))
                 part, rows = self._batch(batch)
-                self.recorded.note(batch.log_time_ns, batch.log_time_ns[rows], part.stamp_ns)
+                if self._recorded is not None:
+                    received_ns = batch.log_time_ns
+                    self._recorded.note(received_ns, received_ns[rows], part.stamp_ns)
                 if len(part):
                     read.append((batch, (part, rows)))
         if not read:
@@ -198,7 +201,8 @@ class JointStateReader:
     def _batch(self, batch: RawBatch) -> tuple[JointBlock, Int]:
         """Return the messages of one batch and their rows, both in order of arrival."""
         placed: list[tuple[Int, _Rows]] = []
-        for first, piece in batch.pieces(MAX_DECODED_BYTES):
+        short = int(batch.length.sum()) <= MAX_DECODED_BYTES  # as nearly always
+        for first, piece in [(0, batch)] if short else batch.pieces(MAX_DECODED_BYTES):
             decoded = self._decoder.decode(piece)
             if len(decoded.malformed):
                 self._log.reject("malformed", len(decoded.malformed))

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.decode import (
     JOINT_STATE,
+    ZERO_STATE,
     JointStateReader,
     Mask,
     RecordedTime,
 )
-from robot_energy.inputs.joint_states.partial_states import (
-    SAME_STAMP,
-    PartialStateMerger,
-)
+from robot_energy.inputs.joint_states.partial_states import SAME_STAMP, PartialStateMerger
 from robot_energy.inputs.joint_states.plausibility import (
     JointStateProblem,
     Plausibility,
@@ -26,17 +26,30 @@ from robot_energy.inputs.joint_states.plausibility import (
 from robot_energy.inputs.joint_states.publisher_conflicts import (
     CONFLICTING,
     IMPOSSIBLE_POSITION,
+    PositionJumpDetector,
     PublisherConflictFilter,
-    ZeroStateFilter,
 )
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.blocks import NANOSECOND, Int, JointBlock, Quality, differences, mark
-from robot_energy.timeline.epochs import EpochRun, Reach
-from robot_energy.timeline.stamps import BY_PERIOD, MAX_MAX_GAP, MIN_PERIOD_NS, StampOrder
-from robot_energy.timeline.streams import StreamSplitter, sentence_of
+from robot_energy.timeline.blocks import (
+    NANOSECOND,
+    Float,
+    Int,
+    JointBlock,
+    Quality,
+    differences,
+    mark,
+)
+from robot_energy.timeline.stamps import (
+    BY_PERIOD,
+    MAX_MAX_GAP,
+    MIN_PERIOD_NS,
+    StampOrder,
+    sentence_of,
+)
+from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -44,8 +57,107 @@ if TYPE_CHECKING:
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
+BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
+KNOWN = 3  # states of zeros that show their publisher
 
 __all__ = ["JOINT_STATE", "JointStateIngest"]
+
+
+class ZeroStateFilter:
+    """Leaves out messages in which all joints are exactly zero and stand, between others.
+
+    A ``joint_state_publisher`` without sliders, or a driver without its robot, sends such states
+    next to the driver. They are found where no motion leads from the state before to zero, or
+    where they have its stamp; once three were, every state of zeros within a second of another
+    one is left out. The robot's own states stay in use, which the check for a second publisher
+    would refuse with them. A robot that stands at zero is left alone.
+
+    Args:
+        limits: Limits from the URDF; None to allow what any joint can do.
+
+    Attributes:
+        held: A message that waits for the next one; None if there is none.
+    """
+
+    def __init__(self, n_joints: int, limits: JointLimits | None, log: RejectionLog) -> None:
+        self._log = log
+        self._steps = PositionJumpDetector.of(n_joints, limits)
+        self.count = self.first_ns = self.last_ns = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the last state, and what waits."""
+        self._last: tuple[int, Float] | None = None  # that is not all zero
+        self.held: JointBlock | None = None  # zeros before all other states wait for the next
+        self._begun = False
+
+    def flush(self) -> None:
+        """Count what still waits: one state alone is of no use."""
+        if self.held is not None:
+            self._log.reject(ZERO_STATE)
+        self.held = None
+
+    @property
+    def finding(self) -> str:
+        """What is wrong, in one sentence; empty if nothing is."""
+        if not self.count:
+            return ""
+        return (
+            f"{self.count} joint states in which all joints are exactly zero come between others, "
+            "as of a second publisher: they are left out; stop it, or name the topics in "
+            "joint_states.topics"
+        )
+
+    def step(self, block: JointBlock) -> JointBlock | None:
+        """Return the messages without those of a publisher of zeros, or None.
+
+        Args:
+            block: One or more, one sample each, in order of arrival.
+        """
+        if self.held is not None:
+            block, self.held = JointBlock.concatenate([self.held, block]), None
+        stamp, position, velocity = block.stamp_ns, block.joint_position, block.joint_velocity
+        other = ~np.isnan(position.sum(axis=1))  # those with all joints
+        zero = other & (position[:, 0] == 0)
+        if bool(zero.any()):
+            zero &= (position == 0).all(axis=1)
+            zero &= ((velocity == 0) | np.isnan(velocity)).all(axis=1)
+            other &= ~zero
+        rows, others = np.flatnonzero(zero), np.flatnonzero(other)
+        if not self._begun and len(block) == len(rows) == 1:
+            self.held = block
+            return None
+        if not self._begun and zero[0] and other[1]:
+            self._last = int(stamp[1]), position[1]
+        self._begun = True
+        foreign = self._foreign(stamp, position, rows, others) if len(rows) else []
+        if len(others):
+            self._last = int(stamp[others[-1]]), position[others[-1]].copy()
+        if not foreign:
+            return block
+        self.first_ns = self.first_ns if self.count else int(stamp[foreign[0]])
+        self.last_ns = int(stamp[foreign[-1]])
+        self.count += len(foreign)
+        self._log.reject(ZERO_STATE, len(foreign))
+        left: Mask = np.ones(len(block), dtype=np.bool_)
+        left[foreign] = False
+        return block[left] if bool(left.any()) else None
+
+    def _foreign(self, stamp: Int, position: Float, rows: Int, others: Int) -> list[int]:
+        """Which of the rows of zeros come next to another state."""
+        found: list[int] = []
+        before = np.searchsorted(others, rows) - 1
+        for row, place in zip(rows.tolist(), before.tolist(), strict=True):
+            at, other = int(stamp[row]), self._last
+            if place >= 0:
+                other = int(stamp[others[place]]), position[others[place]]
+            if other is None or abs(at - other[0]) > BESIDE_NS:
+                continue
+            known = at == other[0] or self.count + len(found) >= KNOWN
+            zero = at, position[row]
+            if known or not self._steps.reaches(*sorted((other, zero), key=itemgetter(0))):
+                found.append(row)
+        return found
 
 
 class JointStateIngest:
@@ -68,6 +180,7 @@ class JointStateIngest:
         source: What dates the messages, whether they are sorted, and what they call the joints.
         max_gap: Longest time between two samples that is bridged; 0: five median periods,
             0.1 s to 1 s. [s]
+        recorded: Notes when messages came, used or not; None where that is of no use.
 
     Attributes:
         rejections: Received, accepted and rejected messages. A message with some of the joints
@@ -86,6 +199,7 @@ class JointStateIngest:
         effort: bool = False,
         source: JointStateSource | None = None,
         max_gap: float = BY_PERIOD,
+        recorded: RecordedTime | None = None,
     ) -> None:
         source, log, n_joints = source or JointStateSource(), RejectionLog(), len(joint_names)
         self.rejections = log
@@ -98,7 +212,8 @@ class JointStateIngest:
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
         )
         self._zeros = ZeroStateFilter(n_joints, limits, log)
-        self._reader = JointStateReader(joint_names, log, effort, typestore, source)
+        self.recorded = recorded
+        self._reader = JointStateReader(joint_names, log, effort, typestore, source, recorded)
         self.ignored_joints, self.known_names = (
             self._reader.ignored_joints,
             self._reader.known_names,
@@ -134,11 +249,6 @@ class JointStateIngest:
     def ages(self) -> dict[str, float]:
         """How long each joint is behind the newest of all; inf where never seen. [s]"""
         return dict(zip(self._names, self._merger.ages.tolist(), strict=True))
-
-    @property
-    def recorded(self) -> RecordedTime:
-        """When messages came, used or not."""
-        return self._reader.recorded
 
     @property
     def repeating(self) -> bool:
@@ -292,7 +402,11 @@ class JointStateIngest:
                 parts += self._end_of_epoch()
                 self.conflicts.begin_epoch(run.restless, run.first_ns)
                 self._merger.begin_epoch()
-            merged = self._merger.step(block, run.rising)
+            merger, merged = self._merger, block
+            if run.rising and not (merger.in_parts or np.isnan(block.joint_position.sum())):
+                merger.last = block[slice(-1, None)]  # nothing is to be put together
+            else:
+                merged = merger.step(block)
             if merged is not None and (part := self.conflicts.step(merged)) is not None:
                 parts.append(part)
         if closing:
@@ -304,17 +418,10 @@ class JointStateIngest:
         rejections.waiting = self._merger.lead.shape[1] - first
         for holder in (self._zeros, self._velocities, stream, stream.order, self.conflicts):
             rejections.waiting += 0 if holder.held is None else len(holder.held)
-        return self._finished(JointBlock.concatenate(parts)) if parts else None
-
-    def _end_of_epoch(self) -> list[JointBlock]:
-        """Take what waits for later messages of the epoch that ends."""
-        merged = self._merger.flush()
-        used = None if merged is None else self.conflicts.step(merged)
-        return [part for part in (used, self.conflicts.flush()) if part is not None]
-
-    def _finished(self, samples: JointBlock) -> JointBlock:
-        """Count samples, number their segments and mark what is doubtful."""
-        self.rejections.accepted += len(samples)
+        if not parts:
+            return None
+        samples = JointBlock.concatenate(parts)
+        rejections.accepted += len(samples)
         self.samples += len(samples)
         before = self.order.segment
         broken = samples.quality > 0
@@ -324,6 +431,12 @@ class JointStateIngest:
         samples.segment[:] = segment
         self._plausibility.step(samples)
         return samples
+
+    def _end_of_epoch(self) -> list[JointBlock]:
+        """Take what waits for later messages of the epoch that ends."""
+        merged = self._merger.flush()
+        used = None if merged is None else self.conflicts.step(merged)
+        return [part for part in (used, self.conflicts.flush()) if part is not None]
 
 
 def _by_joints(block: JointBlock) -> dict[bytes, Int]:

@@ -7,16 +7,18 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from robot_energy.inputs.joint_states.decode import Mask, joint_block
-from robot_energy.inputs.joint_states.jumps import PositionJumpDetector, shortest
+from robot_energy.inputs.joint_states.publisher_conflicts import (
+    BROKEN,
+    PositionJumpDetector,
+    shortest,
+)
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Quality
-from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, StampOrder, newer
-from robot_energy.timeline.streams import OLDER
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, OLDER, StampOrder, newer
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
 SAME_STAMP = "conflicting_stamp"  # the reason under which messages that contradict it are counted
-BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sample
 
 
 class _Track:
@@ -76,6 +78,7 @@ class PartialStateMerger:
 
     Attributes:
         in_parts: Whether a message with some of the joints was ever met.
+        last: The newest message with all joints, while none had some of them; None before.
         conflicting: Joints whose readings leapt forth and back, shape (n,).
         lead: Stamps of the leading joint that wait for the other joints, and the newest stamp on
             their arrival, shape (2, N). [ns]
@@ -104,7 +107,7 @@ class PartialStateMerger:
     def ages(self) -> Float:
         """How long each joint is behind the newest stamp, shape (n,); inf if unseen. [s]"""
         if not self.in_parts:
-            return np.full(self._n_joints, np.inf if self._last is None else 0.0)
+            return np.full(self._n_joints, np.inf if self.last is None else 0.0)
         if self._newest is None:
             return np.full(self._n_joints, np.inf)
         last = [int(track.stamp[-1]) if len(track.stamp) else None for track in self._tracks]
@@ -118,30 +121,26 @@ class PartialStateMerger:
 
     def begin_epoch(self) -> None:
         """Forget all readings: the stamps have jumped back."""
-        self._last: JointBlock | None = None  # the newest message with all joints
+        self.last: JointBlock | None = None
         self._newest: int | None = None
         self._tracks = [
             _Track(self._steps.joint(joint), self._max_gap) for joint in range(self._n_joints)
         ]
 
-    def step(self, block: JointBlock, rising: bool) -> JointBlock | None:
-        """Return the samples that messages of one epoch complete, or None.
-
-        Args:
-            rising: Whether it is known that each stamp is newer than all before.
-        """
+    def step(self, block: JointBlock) -> JointBlock | None:
+        """Return the samples that messages of one epoch complete, or None."""
         if self.in_parts or not len(block):
             return self._merge(block) if len(block) else None
         if not bool(np.isnan(block.joint_position.sum())):
-            return self._whole(block, rising)
+            return self._whole(block)
         partial = np.isnan(block.joint_position).any(axis=1)
         first = int(np.argmax(partial)) if bool(partial.any()) else len(block)
         whole = self._whole(block[slice(0, first)]) if first else None
         if first == len(block):
             return whole
         self.in_parts = True
-        if self._last is not None:
-            self._seed(self._last)
+        if self.last is not None:
+            self._seed(self.last)
         merged = self._merge(block[slice(first, None)])
         parts = [part for part in (whole, merged) if part is not None]
         return JointBlock.concatenate(parts) if parts else None
@@ -150,16 +149,15 @@ class PartialStateMerger:
         """Give up waiting, as at the end of an epoch."""
         return self._decide(closing=True)
 
-    def _whole(self, block: JointBlock, rising: bool = False) -> JointBlock | None:
+    def _whole(self, block: JointBlock) -> JointBlock | None:
         """Messages with all joints are samples, if they are newer than the one before."""
-        last = self._last
-        if not rising:
-            fresh, again = newer(block.stamp_ns, None if last is None else int(last.stamp_ns[0]))
-            if not bool(fresh.all()):
-                block = self._new(block, last, fresh, np.flatnonzero(again))
+        last = self.last
+        fresh, again = newer(block.stamp_ns, None if last is None else int(last.stamp_ns[0]))
+        if not bool(fresh.all()):
+            block = self._new(block, last, fresh, np.flatnonzero(again))
         if not len(block):
             return None
-        self._last = block[slice(-1, None)]
+        self.last = block[slice(-1, None)]
         return block
 
     def _new(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.inputs.joint_states.decode import Mask
-from robot_energy.inputs.joint_states.jumps import shortest
+from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.inputs.parameters import POSITIONS
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
@@ -121,8 +121,12 @@ class Plausibility:
         Args:
             block: Samples; those concerned get ``JOINT_STATE_IMPLAUSIBLE``.
         """
-        if self._limits is not None:
-            self._check_limits(block)
+        beyond = (block.joint_position > self._high) | (block.joint_position < self._low)
+        beyond |= np.abs(block.joint_velocity) > self._fastest
+        if bool(beyond.any()):
+            rows = np.logical_or.reduce(beyond, axis=1)
+            mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
+            self._note_beyond(block, rows)
         self._check_zeros(block)
         self._check_velocities(block)
 
@@ -142,16 +146,6 @@ class Plausibility:
         if self._astray.first_ns is not None:
             found += self._astray.finding(self._ratio_sentence())
         return found
-
-    def _check_limits(self, block: JointBlock) -> None:
-        position, velocity = block.joint_position, block.joint_velocity
-        beyond = (position > self._high) | (position < self._low)
-        beyond |= np.abs(velocity) > self._fastest
-        if not bool(beyond.any()):
-            return
-        rows = np.logical_or.reduce(beyond, axis=1)
-        mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
-        self._note_beyond(block, rows)
 
     def _note_beyond(self, block: JointBlock, rows: NDArray[np.bool_]) -> None:
         self._beyond.note(block.stamp_ns[rows])
@@ -323,20 +317,23 @@ class VelocityCheck:
         """Return the messages that can be used, with the one that waited before, or None."""
         if self._fastest is None:
             return block
-        fast = np.abs(block.joint_velocity) > self._fastest
-        if self.held is None and not bool(fast.any()):
-            self._remember(block)
-            return block
         if self.held is not None:
             block, self.held = JointBlock.concatenate([self.held, block]), None
-            fast = np.abs(block.joint_velocity) > self._fastest
-        first = bool((self._stamp < 0).all()) and bool(fast[0].any())
-        if first and len(block) == 1:
-            self.held = block
-            return None
-        bad = np.logical_or.reduce(fast & ~self._supported(block, first), axis=1)
-        self._remember(block)
-        if not bool(bad.any()):
+        fast = np.abs(block.joint_velocity) > self._fastest
+        bad: Mask | None = None
+        if bool(fast.any()):
+            first = bool((self._stamp < 0).all()) and bool(fast[0].any())
+            if first and len(block) == 1:
+                self.held = block
+                return None
+            bad = np.logical_or.reduce(fast & ~self._supported(block, first), axis=1)
+        last = block.joint_position[-1]
+        if not bool(np.isnan(last).any()):
+            self._stamp[:] = block.stamp_ns[-1]
+            self._position = last.copy()
+        else:
+            self._remember_parts(block)
+        if bad is None or not bool(bad.any()):
             return block
         self._refuse(block[bad])
         return None if bool(bad.all()) else block[~bad]
@@ -368,13 +365,8 @@ class VelocityCheck:
         enough = MIN_SUPPORT * np.abs(block.joint_velocity) * (elapsed * NANOSECOND)
         return (elapsed > 0) & (np.abs(step) >= enough)
 
-    def _remember(self, block: JointBlock) -> None:
-        """Keep the newest position of each joint."""
-        last = block.joint_position[-1]
-        if not bool(np.isnan(last).any()):
-            self._stamp[:] = block.stamp_ns[-1]
-            self._position = last.copy()
-            return
+    def _remember_parts(self, block: JointBlock) -> None:
+        """Keep the newest position of each joint, where no message has all."""
         for joint in range(len(self._stamp)):
             rows = np.flatnonzero(~np.isnan(block.joint_position[:, joint]))
             if len(rows):

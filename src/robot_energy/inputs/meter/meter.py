@@ -20,9 +20,8 @@ from robot_energy.inputs.meter.voltage_current_pairs import Pairing, Values
 from robot_energy.inputs.parameters import HEADER, RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import Float, Int, MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.timeline.epochs import EpochRun, Reach
-from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
-from robot_energy.timeline.streams import StreamSplitter, joined, sentence_of
+from robot_energy.timeline.stamps import BAD_STAMP, sentence_of, valid_stamps
+from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter, joined
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -82,6 +81,9 @@ class MeterIngest:
         paths = tuple(number.path for number in self._numbers.values())
         fields = (*STAMP, *paths) if self._stamped else paths
         self._decoder = Decoder(self.source.type, fields, typestore)
+        self._shift_ns, self._factor = self.source.shift_ns, self.source.factor
+        self._number = self.source.reading.number
+        self._given = self.source.kind  # None where the readings say it
         self._kind: Kind | None = None  # of the first reading that says it
         self._pairing = Pairing(self.source.pair_max_age, self.rejections)
         self._stream = StreamSplitter[MeterBlock](REACH, self.rejections.reject)
@@ -122,8 +124,8 @@ class MeterIngest:
 
     def step(self, batches: Sequence[RawBatch]) -> MeterBlock | None:
         """Return the readings in messages of the topics of the meter; None if there are none."""
-        kind = self.source.kind
-        if self.source.pair and kind is not None:
+        kind = self._given
+        if kind is not None and self.source.pair:
             block = self._pair(batches, kind)
         else:
             read = (self._batch(batch, kind) for batch in batches)
@@ -166,7 +168,7 @@ class MeterIngest:
             return None
         if kind is None:
             return self._stated(stamp, column)
-        value = self.source.reading.number(column)
+        value = self._number(column)
         used = self.rejections.refuse({"zero_stamp": stamp == 0, "not_finite": ~np.isfinite(value)})
         self.rejections.accepted += int(used.sum())
         return self._readings(stamp[used], value[used], kind)
@@ -186,7 +188,7 @@ class MeterIngest:
             stamp = np.concatenate([stamp_ns(run) for run in runs])[order]
         else:
             stamp = batch.log_time_ns[rows]
-        valid = valid_stamps(stamp) & valid_stamps(stamp + self.source.shift_ns)
+        valid = valid_stamps(stamp) & valid_stamps(stamp + self._shift_ns)
         self.rejections.reject(BAD_STAMP, int((~valid).sum()))
         column: dict[str, Float] = {
             text: np.concatenate([number.of(run) for run in runs])[order]
@@ -220,7 +222,7 @@ class MeterIngest:
         rows = good & same
         self.rejections.accepted += int(rows.sum())
         return MeterBlock(
-            stamp[rows] + self.source.shift_ns,
+            stamp[rows] + self._shift_ns,
             self._scaled(column["power"][rows]),
             self._scaled(column["energy"][rows]),
             column["interval"][rows],
@@ -235,7 +237,7 @@ class MeterIngest:
         cumulative = meaning is MeterMeaning.CUMULATIVE
         mean = meaning is MeterMeaning.MEAN_OVER_INTERVAL
         return MeterBlock(
-            stamp + self.source.shift_ns,
+            stamp + self._shift_ns,
             none if cumulative else value,
             value if cumulative else none,
             np.full(len(value), self.source.interval) if mean else none,
@@ -246,7 +248,7 @@ class MeterIngest:
     def _scaled(self, value: Float) -> Float:
         """In SI; what is beyond all numbers then is infinite, which the comparison refuses."""
         with np.errstate(over="ignore"):
-            return value * self.source.factor
+            return value * self._factor
 
     def _pair(self, batches: Sequence[RawBatch], kind: Kind) -> MeterBlock | None:
         voltage = [self._values(b) for b in batches if b.topic == self.source.voltage_topic]
@@ -257,7 +259,7 @@ class MeterIngest:
     def _values(self, batch: RawBatch) -> Values:
         """Dated finite values of one topic of a pair, which the pairing counts."""
         rows, stamp, column = self._columns(batch)
-        value = self.source.reading.number(column) if len(rows) else np.empty(0)
+        value = self._number(column) if len(rows) else np.empty(0)
         used = self.rejections.refuse({"zero_stamp": stamp == 0, "not_finite": ~np.isfinite(value)})
         self.rejections.received += len(batch) - int(used.sum())
         return stamp[used], value[used]

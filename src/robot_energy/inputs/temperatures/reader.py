@@ -80,7 +80,8 @@ class TemperatureReader:
         self._adapter: Adapter = source.reading.adapter(source)
         self._decoder = Decoder(source.type, self._adapter.fields, typestore)
         self._nameless = False
-        self._keys = None
+        self._dated = source.reading.headed and source.stamp_source != RECEIVE
+        self._keys, self.keys_topic = None, source.keys_topic
         if source.keys_topic:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
 
@@ -153,7 +154,7 @@ class TemperatureReader:
     def _pieces(self, batches: Mapping[str, RawBatch]) -> Iterator[RawBatch]:
         """Yield the batch of values; in pieces where the keys of the values change."""
         batch = batches.get(self.source.topic)
-        keys = batches.get(self.source.keys_topic) if self._keys is not None else None
+        keys = batches.get(self.keys_topic) if self._keys is not None else None
         for arrival_ns, names in self._new_keys(keys) if keys is not None else ():
             if batch is not None:
                 before = int(np.searchsorted(batch.log_time_ns, arrival_ns))
@@ -224,9 +225,9 @@ class TemperatureReader:
         with np.errstate(over="ignore"):  # what is beyond all numbers is refused as implausible
             taken = taken * self.source.scale - self._offset
         values[:, [column for _, column in places]] = taken
-        if not self.source.reading.headed or self.source.stamp_source == RECEIVE:
-            return TemperatureBlock(batch.log_time_ns[run.rows], values)
-        return TemperatureBlock(stamp_ns(run), values)
+        return TemperatureBlock(
+            stamp_ns(run) if self._dated else batch.log_time_ns[run.rows], values
+        )
 
     def _match(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
         """Place in the message and model column of every joint that counts."""

@@ -13,13 +13,15 @@ from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
 from robot_energy.timeline.blocks import NANOSECOND, Int, TemperatureBlock
-from robot_energy.timeline.epochs import STRAY_STAMP, EpochRun, slow_reach
-from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, newest_by_epoch
+from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, newest_by_epoch, sentence_of
 from robot_energy.timeline.streams import (
+    SLOW_NS,
+    STRAY_STAMP,
+    EpochRun,
+    EpochSplitter,
     StreamSplitter,
-    apart_sentence,
     joined,
-    sentence_of,
+    slow_reach,
 )
 
 if TYPE_CHECKING:
@@ -135,7 +137,7 @@ class TemperatureIngest:
         found = [sentence_of(self.epochs, f"temperatures on {topics}", within=within)]
         if states is not None:
             ahead_ns = self.ahead_ns(states)
-            found.append(apart_sentence(self.epochs, states.newest_ns, ahead_ns))
+            found.append(_apart_sentence(self.epochs, states.newest_ns, ahead_ns))
         return list(filter(None, found))
 
     def account_of(self, topic: str) -> RejectionLog:
@@ -150,7 +152,7 @@ class TemperatureIngest:
         """
         counts = {batch.topic: len(batch) for batch in batches}
         pairs = [(each.rejections, each.source.topic) for each in self.readers]
-        pairs += [(each.keys_account, each.source.keys_topic) for each in self.readers]
+        pairs += [(each.keys_account, each.keys_topic) for each in self.readers]
         return [(rejections, counts.get(topic, 0)) for rejections, topic in pairs]
 
     def restart(self) -> None:
@@ -210,3 +212,21 @@ def _order(readings: TemperatureReadings) -> tuple[Int, Int, Int]:
     stamp = readings.block.stamp_ns
     epoch = np.append(0, np.cumsum(np.diff(stamp) < -BACKWARD_JUMP_NS))
     return newest_by_epoch(stamp, epoch), epoch, readings.arrival_ns
+
+
+def _apart_sentence(epochs: EpochSplitter, newest_ns: int | None, ahead_ns: int | None) -> str:
+    """Return that temperatures are of another time than the joint states; empty if not.
+
+    A stream that has stopped is not a clock: its stamps were right when they arrived.
+    """
+    if epochs.newest_ns is None or newest_ns is None or ahead_ns is None:
+        return ""
+    bound = SLOW_NS + 3 * epochs.period_ns
+    apart = epochs.newest_ns - newest_ns
+    if abs(apart) <= bound or abs(ahead_ns) <= bound:
+        return ""
+    way = "after" if ahead_ns > 0 else "before"
+    return (
+        f"the newest temperature is stamped {abs(ahead_ns) * NANOSECOND:.1f} s {way} the joint "
+        "states that arrived with it: synchronise the clocks"
+    )

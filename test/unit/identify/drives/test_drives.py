@@ -104,7 +104,7 @@ def test_independent_names_columns_that_others_explain():
     columns = np.column_stack([first, first @ [1.0, 2.0], np.zeros(50)])
     least = MIN_SHARE * np.linalg.norm(columns, axis=0)
     assert independent(columns, least) == [0, 1]
-    assert independent(columns, least, order=[2, 1, 0, 3]) == [2, 1]
+    assert independent(columns[:, [2, 1, 0, 3]], least) == [0, 1]
 
 
 def test_without_a_comparison_the_fits_are_the_same():

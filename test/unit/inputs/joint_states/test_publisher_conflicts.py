@@ -5,7 +5,7 @@ import pytest
 
 from joint_messages import NAMES, SECOND, limits, message, take
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
-from robot_energy.inputs.joint_states.jumps import PositionJumpDetector
+from robot_energy.inputs.joint_states.publisher_conflicts import PositionJumpDetector
 
 
 def driver(seconds=4.0, rate=100.0, start=10.0):
