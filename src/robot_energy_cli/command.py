@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from inspect import signature
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.options import Option, options_of
 from robot_energy_cli.numbers import number, number_type, whole
 
@@ -28,21 +29,18 @@ A table in the table is a group of options by its title.
 Run = Callable[[Namespace], int]
 
 
-@dataclass(frozen=True)
-class Command:
-    """A sub-command.
-
-    Attributes:
-        run: Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and
-            was read in part. What it refuses is a `RobotEnergyError`.
-        description: What it does, in its own help; empty for that of the list.
-    """
+class Command(Described):
+    """A sub-command."""
 
     name: str
     text: str
-    run: Run
+    run: Annotated[
+        Run,
+        "Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and "
+        "was read in part. What it refuses is a `RobotEnergyError`.",
+    ]
     options: Options | Callable[[ArgumentParser], None] = field(default_factory=dict[str, str])
-    description: str = ""
+    description: Annotated[str, "What it does, in its own help; empty for that of the list."] = ""
     epilog: str = ""
 
     def add_parser(self, commands: Any) -> None:
@@ -64,22 +62,19 @@ class Command:
             add_options(parser, self.options)
 
 
-@dataclass(frozen=True)
-class Group:
-    """A sub-command that has sub-commands.
-
-    Attributes:
-        parts: Gives them; asked once all kinds are known.
-        default: Name, text and run of the one that need not be named; None: one must be named.
-    """
+class Group(Described):
+    """A sub-command that has sub-commands."""
 
     name: str
     text: str
     description: str
     title: str
     metavar: str
-    parts: Callable[[], Iterable[Command]]
-    default: tuple[str, str, Run] | None = None
+    parts: Annotated[Callable[[], Iterable[Command]], "Gives them; asked once all kinds are known."]
+    default: Annotated[
+        tuple[str, str, Run] | None,
+        "Name, text and run of the one that need not be named; None: one must be named.",
+    ] = None
 
     def add_parser(self, commands: Any) -> None:
         """Add it with its sub-commands."""

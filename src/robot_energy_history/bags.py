@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.differences import SLOT_NS, Epoch, Event, step, zero_of
@@ -25,22 +26,20 @@ BAG = "bag:"  # how the origin of its epochs begins
 MAX_JOBS = 2**12  # of a bag
 
 
-@dataclass(frozen=True)
-class BagReadings:
-    """What a replay gives to a history.
+class BagReadings(Described):
+    """What a replay gives to a history."""
 
-    Attributes:
-        robot: Name of the robot.
-        name: Of the bag, its state and its settings; begins with a hash of where the bag is, and a
-            hyphen.
-        readings: Its registers at each UTC minute, from zero on.
-        jobs: That it holds whole, by `JOB_COLUMNS`; their numbers count from 0.
-    """
-
-    robot: str
-    name: str
-    readings: tuple[Reading, ...]
-    jobs: tuple[Mapping[str, Any], ...] = ()
+    robot: Annotated[str, "Name of the robot."]
+    name: Annotated[
+        str,
+        "Of the bag, its state and its settings; begins with a hash of where the bag is, and a "
+        "hyphen.",
+    ]
+    readings: Annotated[tuple[Reading, ...], "Its registers at each UTC minute, from zero on."]
+    jobs: Annotated[
+        tuple[Mapping[str, Any], ...],
+        "That it holds whole, by `JOB_COLUMNS`; their numbers count from 0.",
+    ] = ()
 
 
 def has_bag(connection: sqlite3.Connection, name: str) -> bool:

@@ -11,11 +11,12 @@ guideline 14 has it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 
 Float = NDArray[np.float64]
@@ -25,31 +26,20 @@ INDEPENDENT = 1e-4  # share of a column that the others must leave, so that it c
 MAX_LIKENESS = 0.9  # of residuals a day apart [-]
 
 
-@dataclass(frozen=True)
-class EnergyBaseline:
-    """What explains the energy of a day, and how well.
+class EnergyBaseline(Described):
+    """What explains the energy of a day, and how well."""
 
-    Attributes:
-        names: Of the explaining quantities; the first is the constant part.
-        values: Coefficients. [kWh per unit]
-        inverse: ``(X'X)^-1``, shape (P, P).
-        deviation: Standard deviation of the residuals. [kWh]
-        likeness: Correlation of residuals of days that follow each other. [-]
-        cv_rmse: Deviation over mean energy. [-]
-        days: How many were used.
-        ranges: Least and greatest value of each, by name.
-        left_out: Quantities that are constant, or that others explain.
-    """
-
-    names: tuple[str, ...]
-    values: Float
-    inverse: Float
-    deviation: float
-    likeness: float
-    cv_rmse: float
-    days: int
-    ranges: dict[str, tuple[float, float]]
-    left_out: tuple[str, ...]
+    names: Annotated[
+        tuple[str, ...], "Of the explaining quantities; the first is the constant part."
+    ]
+    values: Annotated[Float, "Coefficients. [kWh per unit]"]
+    inverse: Annotated[Float, "``(X'X)^-1``, shape (P, P)."]
+    deviation: Annotated[float, "Standard deviation of the residuals. [kWh]"]
+    likeness: Annotated[float, "Correlation of residuals of days that follow each other. [-]"]
+    cv_rmse: Annotated[float, "Deviation over mean energy. [-]"]
+    days: Annotated[int, "How many were used."]
+    ranges: Annotated[dict[str, tuple[float, float]], "Least and greatest value of each, by name."]
+    left_out: Annotated[tuple[str, ...], "Quantities that are constant, or that others explain."]
 
     @property
     def growth(self) -> float:
@@ -77,23 +67,16 @@ class EnergyBaseline:
         return float(stdtrit(self.degrees, 0.5 + 0.5 * share))
 
 
-@dataclass(frozen=True)
-class CumulatedSaving:
-    """What reported days have saved up to each of them (CUSUM), shape (N,) each.
+class CumulatedSaving(Described):
+    """What reported days have saved up to each of them (CUSUM), shape (N,) each."""
 
-    Attributes:
-        expected: What each day would have used. [kWh]
-        saved: Expected less used, added up. [kWh]
-        band: Half width of the 90 % band of ``saved``. [kWh]
-        claimed: Whether a saving at the end is certain: its 99.8 % band lies above zero.
-        outside: Days with a quantity outside the range of the baseline.
-    """
-
-    expected: Float
-    saved: Float
-    band: Float
-    claimed: bool
-    outside: int
+    expected: Annotated[Float, "What each day would have used. [kWh]"]
+    saved: Annotated[Float, "Expected less used, added up. [kWh]"]
+    band: Annotated[Float, "Half width of the 90 % band of ``saved``. [kWh]"]
+    claimed: Annotated[
+        bool, "Whether a saving at the end is certain: its 99.8 % band lies above zero."
+    ]
+    outside: Annotated[int, "Days with a quantity outside the range of the baseline."]
 
 
 def fit_baseline(energy: Float, drivers: Mapping[str, Float]) -> EnergyBaseline:

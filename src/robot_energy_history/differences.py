@@ -7,9 +7,11 @@ does not is kept with its true beginning and end, and no energy is spread over i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import timedelta
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import MINUTE_NS, SECOND_NS
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
@@ -25,40 +27,25 @@ FLAGS = {UNRESOLVED: "not resolved", CLOCK: "clock set", EARLIER: "before record
          REPAIRED: "repaired"}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Epoch:
-    """Registers that one model has counted since they were zero, with one place of the meter.
+class Epoch(Described):
+    """Registers that one model has counted since they were zero, with one place of the meter."""
 
-    Attributes:
-        first: Reading that it begins from.
-        last: Newest reading that was recorded.
-        known_until_ns: Until when it is known what was counted. [ns]
-        newest_ns: Latest stamp that was recorded, also where clocks were set back. [ns]
-    """
-
-    first: Reading
-    last: Reading
-    known_until_ns: int
-    newest_ns: int
+    first: Annotated[Reading, "Reading that it begins from."]
+    last: Annotated[Reading, "Newest reading that was recorded."]
+    known_until_ns: Annotated[int, "Until when it is known what was counted. [ns]"]
+    newest_ns: Annotated[
+        int, "Latest stamp that was recorded, also where clocks were set back. [ns]"
+    ]
 
 
-@dataclass(frozen=True)
-class CountedSpan:
-    """What was counted between two readings.
+class CountedSpan(Described):
+    """What was counted between two readings."""
 
-    Attributes:
-        begin_ns: When it began. [ns]
-        end_ns: When it ended. [ns]
-        values: By `COLUMNS`. [ns], [uJ]
-        joints: By name and `JOINT_COLUMNS`. [uJ]
-        flags: What is to be known of it.
-    """
-
-    begin_ns: int
-    end_ns: int
-    values: tuple[int, ...]
-    joints: dict[str, tuple[int, ...]]
-    flags: int = 0
+    begin_ns: Annotated[int, "When it began. [ns]"]
+    end_ns: Annotated[int, "When it ended. [ns]"]
+    values: Annotated[tuple[int, ...], "By `COLUMNS`. [ns], [uJ]"]
+    joints: Annotated[dict[str, tuple[int, ...]], "By name and `JOINT_COLUMNS`. [uJ]"]
+    flags: Annotated[int, "What is to be known of it."] = 0
 
     def slot(self, length_ns: int) -> tuple[int, int, int]:
         """Return begin, end and flags of the slot that it is added to.
@@ -74,36 +61,21 @@ class CountedSpan:
         return self.begin_ns, self.end_ns, self.flags | UNRESOLVED
 
 
-@dataclass(frozen=True)
-class Event:
-    """Something that happened to the registers of a robot.
+class Event(Described):
+    """Something that happened to the registers of a robot."""
 
-    Attributes:
-        stamp_ns: When. [ns]
-        kind: What.
-        text: In words.
-    """
-
-    stamp_ns: int
-    kind: str
-    text: str
+    stamp_ns: Annotated[int, "When. [ns]"]
+    kind: Annotated[str, "What."]
+    text: Annotated[str, "In words."]
 
 
-@dataclass(frozen=True)
-class EpochStep:
-    """What one reading gives.
+class EpochStep(Described):
+    """What one reading gives."""
 
-    Attributes:
-        epoch: As it stands now.
-        new: Whether it is another one than before.
-        span: What was counted; None for nothing.
-        events: What happened.
-    """
-
-    epoch: Epoch
-    new: bool = False
-    span: CountedSpan | None = None
-    events: tuple[Event, ...] = ()
+    epoch: Annotated[Epoch, "As it stands now."]
+    new: Annotated[bool, "Whether it is another one than before."] = False
+    span: Annotated[CountedSpan | None, "What was counted; None for nothing."] = None
+    events: Annotated[tuple[Event, ...], "What happened."] = ()
 
 
 def refuse_nonsense(span: CountedSpan) -> None:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.output_files import GENERATOR
@@ -43,25 +43,15 @@ COUNTERS = {
 """Energies that only grow, by the names that ``/metrics`` has."""
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What is written out.
+class Wanted(Described):
+    """What is written out."""
 
-    Attributes:
-        folder: Of the history.
-        start_ns: Begin of the time. [ns]
-        stop_ns: End of the time. [ns]
-        resolution: Of the rows.
-        robots: Names; empty for all.
-        timezone: Where days begin.
-    """
-
-    folder: Path
-    start_ns: int
-    stop_ns: int
-    resolution: Resolution = "quarter"
-    robots: tuple[str, ...] = ()
-    timezone: str = "UTC"
+    folder: Annotated[Path, "Of the history."]
+    start_ns: Annotated[int, "Begin of the time. [ns]"]
+    stop_ns: Annotated[int, "End of the time. [ns]"]
+    resolution: Annotated[Resolution, "Of the rows."] = "quarter"
+    robots: Annotated[tuple[str, ...], "Names; empty for all."] = ()
+    timezone: Annotated[str, "Where days begin."] = "UTC"
 
     def read(self, start_ns: int, stop_ns: int, resolution: Resolution) -> History:
         """Return what was used in a time."""

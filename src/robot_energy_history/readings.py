@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.messages.fields import (
     ENERGY_REGISTERS,
@@ -44,27 +45,16 @@ _FIELDS = (
 )
 
 
-@dataclass(frozen=True)
-class Reading:
-    """The registers of one robot at an instant.
+class Reading(Described):
+    """The registers of one robot at an instant."""
 
-    Attributes:
-        energy_start_ns: When they were last zero. [ns]
-        stamp_ns: Of the last sample counted. [ns]
-        minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
-        model_id: Of the model that counts.
-        meter_location: Where the meter sits.
-        values: By `COLUMNS`. [ns], [uJ]
-        joints: By name and `JOINT_COLUMNS`. [uJ]
-    """
-
-    energy_start_ns: int
-    stamp_ns: int
-    minute_ns: int
-    model_id: str
-    meter_location: int
-    values: tuple[int, ...]
-    joints: dict[str, tuple[int, ...]]
+    energy_start_ns: Annotated[int, "When they were last zero. [ns]"]
+    stamp_ns: Annotated[int, "Of the last sample counted. [ns]"]
+    minute_ns: Annotated[int, "UTC minute up to which all samples are counted; 0 for none. [ns]"]
+    model_id: Annotated[str, "Of the model that counts."]
+    meter_location: Annotated[int, "Where the meter sits."]
+    values: Annotated[tuple[int, ...], "By `COLUMNS`. [ns], [uJ]"]
+    joints: Annotated[dict[str, tuple[int, ...]], "By name and `JOINT_COLUMNS`. [uJ]"]
 
     @property
     def counted_ns(self) -> int:
@@ -176,19 +166,12 @@ CONDITION_TYPE = "ros2_energy_msgs/msg/FrictionCondition"
 _OF_FRICTION = (*STAMP, "model_id", "joints.name", "joints.multiplier", "joints.valid")
 
 
-@dataclass(frozen=True)
-class LearnedFriction:
-    """Friction of the joints of one robot over that of its model file, as learned by an instant.
+class LearnedFriction(Described):
+    """Friction of the joints of one robot over that of its model file, as learned by an instant."""
 
-    Attributes:
-        stamp_ns: Newest sample learned from. [ns]
-        model_id: Of the model that it is relative to.
-        ratios: By joint, of those where it is valid. [-]
-    """
-
-    stamp_ns: int
-    model_id: str
-    ratios: dict[str, float]
+    stamp_ns: Annotated[int, "Newest sample learned from. [ns]"]
+    model_id: Annotated[str, "Of the model that it is relative to."]
+    ratios: Annotated[dict[str, float], "By joint, of those where it is valid. [-]"]
 
 
 class FrictionDecoder:

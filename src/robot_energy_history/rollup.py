@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy_history.differences import SLOT_NS, UNRESOLVED, CountedSpan
 from robot_energy_history.jobs import roll_jobs, roll_jobs_again
@@ -31,17 +32,13 @@ REGULAR = "s.stop - s.start = {length} AND s.start % {length} = 0"
 FLAGS = "max(s.flags & 2) | max(s.flags & 4) | max(s.flags & 8)"
 
 
-@dataclass(frozen=True)
-class Rolled:
-    """Up to where a history is rolled up.
+class Rolled(Described):
+    """Up to where a history is rolled up."""
 
-    Attributes:
-        until_ns: Begin of the first UTC day that is not. [ns]
-        quarters_from_ns: Begin of the first UTC day whose quarter hours are kept. [ns]
-    """
-
-    until_ns: int = 0
-    quarters_from_ns: int = 0
+    until_ns: Annotated[int, "Begin of the first UTC day that is not. [ns]"] = 0
+    quarters_from_ns: Annotated[
+        int, "Begin of the first UTC day whose quarter hours are kept. [ns]"
+    ] = 0
 
     @classmethod
     def of(cls, connection: sqlite3.Connection) -> Rolled:

@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
+from typing import Annotated
 from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS
@@ -24,19 +26,14 @@ MIN_COMPARED = 0.95  # of a day that counts as metered [-]
 Further = Mapping[str, Mapping[date, float]]
 
 
-@dataclass(frozen=True)
-class PartTrend:
-    """A straight line through the energy per part of each reported day.
+class PartTrend(Described):
+    """A straight line through the energy per part of each reported day."""
 
-    Attributes:
-        mean: Energy of all these days over their parts. [kWh]
-        change: By how much the line changes from the first to the last of them, over `mean`. [-]
-        band: Half width of the 90 % band of ``change``. [-]
-    """
-
-    mean: float
-    change: float
-    band: float
+    mean: Annotated[float, "Energy of all these days over their parts. [kWh]"]
+    change: Annotated[
+        float, "By how much the line changes from the first to the last of them, over `mean`. [-]"
+    ]
+    band: Annotated[float, "Half width of the 90 % band of ``change``. [-]"]
 
 
 @dataclass(frozen=True)
@@ -156,23 +153,14 @@ class _Wish:
     zone: ZoneInfo
 
 
-@dataclass(frozen=True)
-class _Days:
-    """Days of one robot whose energy is known, with what explains it.
+class _Days(Described):
+    """Days of one robot whose energy is known, with what explains it."""
 
-    Attributes:
-        stamps: Begin of each. [ns]
-        energy: Of each. [kWh]
-        parts: Jobs that ended in each.
-        explained: What explains the energy, by name.
-        left_out: How many days are not known.
-    """
-
-    stamps: NDArray[np.int64]
-    energy: Float
-    parts: Float
-    explained: dict[str, Float]
-    left_out: int
+    stamps: Annotated[NDArray[np.int64], "Begin of each. [ns]"]
+    energy: Annotated[Float, "Of each. [kWh]"]
+    parts: Annotated[Float, "Jobs that ended in each."]
+    explained: Annotated[dict[str, Float], "What explains the energy, by name."]
+    left_out: Annotated[int, "How many days are not known."]
 
 
 def _savings(before: _Days, after: _Days, changed: set[str]) -> EnergySavings:

@@ -12,12 +12,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.differences import SLOT_NS
@@ -38,21 +39,13 @@ ENERGIES = ("predicted_import_microjoule", "standby_microjoule")
 MONDAY = datetime(2024, 1, 1)
 
 
-@dataclass(frozen=True)
-class QuarterUse:
-    """What holds in a quarter hour; None for what differs within a longer span.
+class QuarterUse(Described):
+    """What holds in a quarter hour; None for what differs within a longer span."""
 
-    Attributes:
-        price: Price; None if none is known. [currency/kWh]
-        co2: Emission factor; None if none is known. [kg/kWh]
-        shift: When its shift begins, local time; empty without shifts.
-        rest: Whether it is ``night`` or ``weekend``; empty for neither.
-    """
-
-    price: float | None = None
-    co2: float | None = None
-    shift: str | None = ""
-    rest: Rest | None = ""
+    price: Annotated[float | None, "Price; None if none is known. [currency/kWh]"] = None
+    co2: Annotated[float | None, "Emission factor; None if none is known. [kg/kWh]"] = None
+    shift: Annotated[str | None, "When its shift begins, local time; empty without shifts."] = ""
+    rest: Annotated[Rest | None, "Whether it is ``night`` or ``weekend``; empty for neither."] = ""
 
 
 Costs = dict[str, NDArray[Any]]

@@ -10,8 +10,9 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError
 from robot_energy_report.formats import NOTHING
 from robot_energy_report.page.energy_flow import FlowPicture
@@ -23,24 +24,21 @@ Draw = Callable[[BytesIO], object]
 Rows = Sequence[Sequence[str]]
 
 
-@dataclass(frozen=True)
-class Column:
-    """What a table shows of each of its rows.
-
-    Attributes:
-        form: The value as text; None is a dash.
-        unit: Behind the name, in brackets; empty for none.
-        total: Whether the row of sums has the sum of the values, or a function of all rows
-            that gives the value or its text.
-        optional: Whether the column is left out where no row has a value or a text.
-    """
+class Column(Described):
+    """What a table shows of each of its rows."""
 
     name: str
     value: str | int | Callable[[Any], Any]
-    form: Callable[[Any], str] = str
-    unit: str = ""
-    total: bool | Callable[[Sequence[Any]], Any] = False
-    optional: bool = False
+    form: Annotated[Callable[[Any], str], "The value as text; None is a dash."] = str
+    unit: Annotated[str, "Behind the name, in brackets; empty for none."] = ""
+    total: Annotated[
+        bool | Callable[[Sequence[Any]], Any],
+        "Whether the row of sums has the sum of the values, or a function of all rows that gives "
+        "the value or its text.",
+    ] = False
+    optional: Annotated[
+        bool, "Whether the column is left out where no row has a value or a text."
+    ] = False
 
     @property
     def heading(self) -> str:
@@ -77,16 +75,13 @@ class Column:
         return NOTHING if value is None else self.form(value)
 
 
-@dataclass(frozen=True)
-class Text:
-    """A heading, a sentence, or a command line that makes what is shown.
-
-    Attributes:
-        kind: A note or problem must not be overlooked; commands are for pages.
-    """
+class Text(Described):
+    """A heading, a sentence, or a command line that makes what is shown."""
 
     text: str
-    kind: Kind = "plain"
+    kind: Annotated[Kind, "A note or problem must not be overlooked; commands are for pages."] = (
+        "plain"
+    )
 
 
 @dataclass(frozen=True)
@@ -114,19 +109,13 @@ class Tiles:
     tiles: Sequence[tuple[str, str, str]]
 
 
-@dataclass(frozen=True)
-class FlowDiagram:
-    """Where energy goes, as the picture of the live page; for pages.
+class FlowDiagram(Described):
+    """Where energy goes, as the picture of the live page; for pages."""
 
-    Attributes:
-        picture: Its flows. [J]
-        factor: What one of it is. [J]
-    """
-
-    picture: FlowPicture
+    picture: Annotated[FlowPicture, "Its flows. [J]"]
     caption: str
     unit: str
-    factor: float
+    factor: Annotated[float, "What one of it is. [J]"]
 
 
 Part = Text | Table | Illustration | Tiles | FlowDiagram

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.results.base import known
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.dynamics.dynamics_model import friction_at_joints
@@ -27,17 +28,11 @@ from robot_energy_report.formats import (
 from robot_energy_report.identification import delay_use
 
 
-@dataclass(frozen=True)
-class ReferenceValues:
-    """Friction known from elsewhere, to be compared with the identified one, joint side.
+class ReferenceValues(Described):
+    """Friction known from elsewhere, to be compared with the identified one, joint side."""
 
-    Attributes:
-        viscous: Shape (n,). [N m s/rad]
-        coulomb: Shape (n,). [N m]
-    """
-
-    viscous: Sequence[float]
-    coulomb: Sequence[float]
+    viscous: Annotated[Sequence[float], "Shape (n,). [N m s/rad]"]
+    coulomb: Annotated[Sequence[float], "Shape (n,). [N m]"]
     source: str
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
+from typing import Annotated
 
 from robot_energy import __version__
 from robot_energy.certainty.band import Z95
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Figure
@@ -46,17 +47,12 @@ from robot_energy_report.identification import (
 SHOWN_DEGC = (20.0, 40.0, 60.0)
 
 
-@dataclass(frozen=True)
-class Change:
-    """One figure of a model file, before and after.
-
-    Attributes:
-        before: As given; None if there was none.
-    """
+class Change(Described):
+    """One figure of a model file, before and after."""
 
     name: str
     unit: str
-    before: Figure | None
+    before: Annotated[Figure | None, "As given; None if there was none."]
     after: Figure
 
     @property

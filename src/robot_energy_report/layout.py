@@ -8,8 +8,8 @@ wraps between words. What fits in no way keeps its width, and the terminal wraps
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 from rich import box
 from rich.cells import cell_len
@@ -17,6 +17,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from robot_energy.foundation.described import Described
 from robot_energy_report.formats import PROSE
 
 MIN_PROSE_WIDTH = 30  # characters, below which a column of prose is a block of its own
@@ -24,18 +25,13 @@ EDGES = 2  # characters left and right of all columns
 BETWEEN = 2  # characters between two columns
 
 
-@dataclass(frozen=True)
-class _Column:
-    """One column of a table.
-
-    Attributes:
-        wraps: Whether it may be narrower than its content.
-    """
+class _Column(Described):
+    """One column of a table."""
 
     name: str
     cells: tuple[str, ...]
     prose: bool
-    wraps: bool
+    wraps: Annotated[bool, "Whether it may be narrower than its content."]
 
     @property
     def width(self) -> int:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
 
 from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
+from robot_energy.foundation.described import Described
 from robot_energy.replay.bag_replay import Replay
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
@@ -19,26 +20,24 @@ BREAK = 1.5  # in lengths of a point: a longer step in time breaks the curve
 Role = Literal["measured", "predicted", "fixed"]
 
 
-@dataclass(frozen=True)
-class Series:
-    """One curve.
-
-    Attributes:
-        time: Middle of each point, since the start of the recording; NaN breaks the
-            curve, shape (K,). [s]
-        power: Mean of each point, shape (K,). [W]
-        energy_time: Ends of the points, shape (L,). [s]
-        energy: Counted from the start, level where nothing is known, shape (L,). [J]
-        energy_half: Half width of the 90 % band of the last energy; NaN for none. [J]
-    """
+class Series(Described):
+    """One curve."""
 
     label: str
     role: Role
-    time: Float
-    power: Float
-    energy_time: Float
-    energy: Float
-    energy_half: float = float("nan")
+    time: Annotated[
+        Float,
+        "Middle of each point, since the start of the recording; NaN breaks the curve, shape "
+        "(K,). [s]",
+    ]
+    power: Annotated[Float, "Mean of each point, shape (K,). [W]"]
+    energy_time: Annotated[Float, "Ends of the points, shape (L,). [s]"]
+    energy: Annotated[
+        Float, "Counted from the start, level where nothing is known, shape (L,). [J]"
+    ]
+    energy_half: Annotated[
+        float, "Half width of the 90 % band of the last energy; NaN for none. [J]"
+    ] = float("nan")
 
 
 def compared_series(

@@ -10,9 +10,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.bag.cdr.schema import compile_schema, leaf
 from robot_energy.bag.cdr.types import ENERGY_PACKAGE, definition, typestore
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LayoutError
 from robot_energy.messages.fields import METER_TOPIC, TEMPERATURES_TOPIC
 
@@ -21,22 +23,18 @@ UNIT = re.compile(r"\[([^\]\d][^\]]*)\]")
 FIELD = re.compile(r"^(\S+)\s+(\w+)\s*$")
 
 
-@dataclass(frozen=True)
-class PlotCurve:
-    """One line of a plot.
-
-    Attributes:
-        field: Of the message, or of the entry of `joints`.
-        joint: Position of the joint; None for a number of the whole robot.
-        name: Name of the joint; empty for the whole robot.
-        nested: Whether the joints are entries of `joints`, not elements of arrays.
-    """
+class PlotCurve(Described):
+    """One line of a plot."""
 
     topic: str
-    field: str
-    joint: int | None = None
-    name: str = ""
-    nested: bool = False
+    field: Annotated[str, "Of the message, or of the entry of `joints`."]
+    joint: Annotated[int | None, "Position of the joint; None for a number of the whole robot."] = (
+        None
+    )
+    name: Annotated[str, "Name of the joint; empty for the whole robot."] = ""
+    nested: Annotated[
+        bool, "Whether the joints are entries of `joints`, not elements of arrays."
+    ] = False
 
     @property
     def label(self) -> str:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hmac
 import ipaddress
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import PageError
 from robot_energy.foundation.files.regular_file import (
     read_regular_text,
@@ -20,21 +21,16 @@ MAKE_TOKEN = "make one with: (umask 077; openssl rand -hex 24 > token)"
 READABLE = "powers, energies, temperatures, joint names, job intervals, costs and diagnostics"
 
 
-@dataclass(frozen=True)
-class PageAccess:
-    """Rules of access to one page.
-
-    Attributes:
-        port: TCP port; 0 for any free one.
-        token: What readers of another address, and writers of any, must state; empty for none.
-        hosts: Names in the Host header that are served, without the port.
-    """
+class PageAccess(Described):
+    """Rules of access to one page."""
 
     address: str
-    port: int
-    token: str
+    port: Annotated[int, "TCP port; 0 for any free one."]
+    token: Annotated[
+        str, "What readers of another address, and writers of any, must state; empty for none."
+    ]
     allow_control: bool
-    hosts: frozenset[str]
+    hosts: Annotated[frozenset[str], "Names in the Host header that are served, without the port."]
 
     @property
     def loopback(self) -> bool:

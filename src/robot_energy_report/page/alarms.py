@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, field
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.timeline.blocks import Quality
 
@@ -73,18 +74,13 @@ SUBJECT_REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class PageFinding:
-    """One status, with what to do about it.
-
-    Attributes:
-        remedy: What to do; empty where all is well.
-    """
+class PageFinding(Described):
+    """One status, with what to do about it."""
 
     level: str
     name: str
     message: str
-    remedy: str = ""
+    remedy: Annotated[str, "What to do; empty where all is well."] = ""
     values: dict[str, str] = field(default_factory=dict[str, str])
 
     @classmethod

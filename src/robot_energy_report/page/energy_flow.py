@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.shown_text import shown
 from robot_energy.foundation.units import JOULE_PER_WH
 
@@ -24,31 +24,29 @@ PARTS = {  # of the energy from the grid, as all tables and pictures name them
 LABELS = {GRID: "Grid", BUS: "DC bus"} | {part: name.capitalize() for part, name in PARTS.items()}
 
 
-@dataclass(frozen=True)
-class FlowParts:
-    """What power or energy from the grid is the sum of, signed; all in [W] or all in [J].
-
-    Attributes:
-        rigid: Into motion and height of each axis; negative while it comes back.
-        friction: Into friction of each axis, >= 0.
-        drive_loss: Into motor and drive of each axis, >= 0; NaN: not modelled, no flow.
-        loss_dc: Constant loss on the DC bus, >= 0.
-        loss_grid: Constant loss on the grid side, >= 0.
-        capacitor: Into the capacitor; negative while it gives back; NaN: not modelled, no flow.
-        returned: Fed back into the grid, >= 0; already subtracted from the grid's sum.
-        auxiliary: Name and size of each load outside of the cabinet, >= 0.
-    """
+class FlowParts(Described):
+    """What power or energy from the grid is the sum of, signed; all in [W] or all in [J]."""
 
     joint_names: Sequence[str]
-    rigid: Sequence[float]
-    friction: Sequence[float]
-    drive_loss: Sequence[float]
-    loss_dc: float
-    loss_grid: float
+    rigid: Annotated[
+        Sequence[float], "Into motion and height of each axis; negative while it comes back."
+    ]
+    friction: Annotated[Sequence[float], "Into friction of each axis, >= 0."]
+    drive_loss: Annotated[
+        Sequence[float], "Into motor and drive of each axis, >= 0; NaN: not modelled, no flow."
+    ]
+    loss_dc: Annotated[float, "Constant loss on the DC bus, >= 0."]
+    loss_grid: Annotated[float, "Constant loss on the grid side, >= 0."]
     brake: float
-    capacitor: float
-    returned: float
-    auxiliary: Sequence[tuple[str, float]] = ()
+    capacitor: Annotated[
+        float, "Into the capacitor; negative while it gives back; NaN: not modelled, no flow."
+    ]
+    returned: Annotated[
+        float, "Fed back into the grid, >= 0; already subtracted from the grid's sum."
+    ]
+    auxiliary: Annotated[
+        Sequence[tuple[str, float]], "Name and size of each load outside of the cabinet, >= 0."
+    ] = ()
 
     @property
     def terms(self) -> list[float]:
@@ -65,30 +63,19 @@ class FlowParts:
         ]
 
 
-@dataclass(frozen=True)
-class Flow:
-    """One band of the picture.
-
-    Attributes:
-        units: Its size in whole units, > 0.
-    """
+class Flow(Described):
+    """One band of the picture."""
 
     source: str
     target: str
-    units: int
+    units: Annotated[int, "Its size in whole units, > 0."]
 
 
-@dataclass(frozen=True)
-class FlowPicture:
-    """Flows that balance exactly: at every inner node, what enters leaves.
+class FlowPicture(Described):
+    """Flows that balance exactly: at every inner node, what enters leaves."""
 
-    Attributes:
-        unit: Size of one unit, in the unit of the parts.
-        net: Net flow from the grid. [units]
-    """
-
-    unit: float
-    net: int
+    unit: Annotated[float, "Size of one unit, in the unit of the parts."]
+    net: Annotated[int, "Net flow from the grid. [units]"]
     flows: list[Flow]
     labels: dict[str, str]
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 from zoneinfo import ZoneInfo
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
@@ -37,18 +37,12 @@ NAMES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Period:
-    """A time of the history, as a calendar has it.
-
-    Attributes:
-        start_ns: Its begin. [ns]
-        stop_ns: Its end. [ns]
-    """
+class Period(Described):
+    """A time of the history, as a calendar has it."""
 
     kind: str
-    start_ns: int
-    stop_ns: int
+    start_ns: Annotated[int, "Its begin. [ns]"]
+    stop_ns: Annotated[int, "Its end. [ns]"]
     resolution: Resolution
     zone: ZoneInfo
 

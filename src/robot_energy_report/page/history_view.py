@@ -11,8 +11,9 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH, SECOND_NS
@@ -53,20 +54,15 @@ MAX_DEVIATIONS = 8  # days that are named
 MAX_JOINTS = 60  # rows of learned friction
 
 
-@dataclass(frozen=True)
-class SavingsWish:
-    """What days are compared, and what explains their energy.
+class SavingsWish(Described):
+    """What days are compared, and what explains their energy."""
 
-    Attributes:
-        baseline: Begin of its first day and end of its last. [ns]
-        reported: The same of the days that are compared: whole ones that are over. [ns]
-        measured: Whether the energy is that of the meter.
-    """
-
-    baseline: tuple[int, int]
-    reported: tuple[int, int]
+    baseline: Annotated[tuple[int, int], "Begin of its first day and end of its last. [ns]"]
+    reported: Annotated[
+        tuple[int, int], "The same of the days that are compared: whole ones that are over. [ns]"
+    ]
     drivers: tuple[str, ...]
-    measured: bool
+    measured: Annotated[bool, "Whether the energy is that of the meter."]
 
 
 def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int) -> SavingsWish:

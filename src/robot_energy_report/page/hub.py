@@ -9,8 +9,9 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.robot_state import RobotState
 from robot_energy_report.page.settings import PageSettings
@@ -25,16 +26,11 @@ Control = Callable[[str, str, str], "Future[tuple[bool, str]]"]
 """Does an action for a robot with a text (name of a job, reason); gives success and a sentence."""
 
 
-@dataclass(frozen=True)
-class PageEvents:
-    """What the pages that show one robot were last sent, or all pages while there are few robots.
-
-    Attributes:
-        state_number: ``number`` of the tick of the last complete state.
-    """
+class PageEvents(Described):
+    """What the pages that show one robot were last sent, or all pages if there are few robots."""
 
     number: int = 0
-    state_number: int = 0
+    state_number: Annotated[int, "``number`` of the tick of the last complete state."] = 0
     fleet_number: int = 0
     power: bytes = b""
     state: bytes = b""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from prometheus_client.core import (
     CollectorRegistry,
@@ -15,6 +14,7 @@ from prometheus_client.core import (
 from prometheus_client.openmetrics import exposition
 from prometheus_client.registry import Collector
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Phase
 from robot_energy_report.page.hub import PageHub
 
@@ -22,20 +22,14 @@ OPENMETRICS = exposition.CONTENT_TYPE_LATEST
 Labels = tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Metric:
-    """One family of metrics.
-
-    Attributes:
-        labels: Names of the labels; the first is ``robot``.
-        counter: Whether it only grows, from ``energy_start`` on.
-    """
+class Metric(Described):
+    """One family of metrics."""
 
     name: str
     unit: str
     text: str
-    labels: Labels = ("robot",)
-    counter: bool = False
+    labels: Annotated[Labels, "Names of the labels; the first is ``robot``."] = ("robot",)
+    counter: Annotated[bool, "Whether it only grows, from ``energy_start`` on."] = False
 
     @property
     def sample(self) -> str:
