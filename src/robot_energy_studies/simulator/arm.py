@@ -9,14 +9,13 @@ and their coupling with the other links are there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float, Int
 
@@ -24,15 +23,25 @@ GRAVITY = 9.81  # m/s^2
 ROTOR_MASS = 1e-3  # kg, of the body that turns; the mass of a motor is part of its link
 
 
-class Body(Described):
-    """A link and the revolute joint before it; frames are parallel at the zero pose."""
+@dataclass(frozen=True)
+class Body:
+    """A link and the revolute joint before it; frames are parallel at the zero pose.
 
-    joint: Annotated[str, "Name of the joint."]
-    place: Annotated[Float, "Of the joint in the frame of the link before, shape (3,). [m]"]
-    axis: Annotated[Float, "Of the joint, shape (3,). [-]"]
-    mass: Annotated[float, "[kg]"]
-    centre: Annotated[Float, "Of mass, shape (3,). [m]"]
-    inertia: Annotated[Float, "About the centre of mass, shape (3, 3). [kg m^2]"]
+    Attributes:
+        joint: Name of the joint.
+        place: Of the joint in the frame of the link before, shape (3,). [m]
+        axis: Of the joint, shape (3,). [-]
+        mass: [kg]
+        centre: Of mass, shape (3,). [m]
+        inertia: About the centre of mass, shape (3, 3). [kg m^2]
+    """
+
+    joint: str
+    place: Float
+    axis: Float
+    mass: float
+    centre: Float
+    inertia: Float
 
     def with_load(self, mass: float, centre: Float, inertia: Float) -> Body:
         """Return the link with something fixed to it.
@@ -51,17 +60,24 @@ class Body(Described):
         return replace(self, mass=total, centre=middle, inertia=whole)
 
 
-class ElasticArm(Described):
-    """A chain of bodies with one drive for each joint, shape (n,) each."""
+@dataclass(frozen=True)
+class ElasticArm:
+    """A chain of bodies with one drive for each joint, shape (n,) each.
+
+    Attributes:
+        gear_ratio: Motor angle over joint angle. [-]
+        rotor_inertia: About its axis, motor side. [kg m^2]
+        stiffness: Of the gear, joint side. [N m/rad]
+        damping: Of the gear, joint side. [N m s/rad]
+        carrier: Index of the link on which each motor sits, -1 for the base.
+    """
 
     bodies: tuple[Body, ...]
-    gear_ratio: Annotated[Float, "Motor angle over joint angle. [-]"]
-    rotor_inertia: Annotated[Float, "About its axis, motor side. [kg m^2]"]
-    stiffness: Annotated[Float, "Of the gear, joint side. [N m/rad]"]
-    damping: Annotated[Float, "Of the gear, joint side. [N m s/rad]"]
-    carrier: Annotated[
-        tuple[int, ...], "Index of the link on which each motor sits, -1 for the base."
-    ]
+    gear_ratio: Float
+    rotor_inertia: Float
+    stiffness: Float
+    damping: Float
+    carrier: tuple[int, ...]
 
     def mjcf(self, step: float) -> str:
         """Return the model as MuJoCo reads it, joints ``q0`` ... and rotors ``m0`` ...

@@ -8,40 +8,65 @@ another.
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 
-class DrawnCabinet(Described):
-    """Figures of a cabinet."""
+@dataclass(frozen=True)
+class DrawnCabinet:
+    """Figures of a cabinet.
 
-    capacitance: Annotated[float, "[F]"]
-    open_voltage: Annotated[float, "Of the link without load. [V]"]
-    source_resistance: Annotated[float, "By which the voltage falls with the current. [ohm]"]
-    real_share: Annotated[float, "Of that fall that is loss; the rest is commutation. [-]"]
-    diode_voltage: Annotated[float, "Of the rectifier. [V]"]
-    chopper_on: Annotated[float, "[V]"]
-    chopper_off: Annotated[float, "[V]"]
-    brake_resistance: Annotated[float, "[ohm]"]
-    link_load: Annotated[float, "Supplies that hang on the link. [W]"]
-    grid_load: Annotated[float, "Computer and supplies at the grid. [W]"]
-    fan: Annotated[float, "[W]"]
-    fan_on_degc: Annotated[float, "Of the warmest motor housing. [degC]"]
-    fan_off_degc: Annotated[float, "[degC]"]
+    Attributes:
+        capacitance: [F]
+        open_voltage: Of the link without load. [V]
+        source_resistance: By which the voltage falls with the current. [ohm]
+        real_share: Of that fall that is loss; the rest is commutation. [-]
+        diode_voltage: Of the rectifier. [V]
+        chopper_on: [V]
+        chopper_off: [V]
+        brake_resistance: [ohm]
+        link_load: Supplies that hang on the link. [W]
+        grid_load: Computer and supplies at the grid. [W]
+        fan: [W]
+        fan_on_degc: Of the warmest motor housing. [degC]
+        fan_off_degc: [degC]
+    """
+
+    capacitance: float
+    open_voltage: float
+    source_resistance: float
+    real_share: float
+    diode_voltage: float
+    chopper_on: float
+    chopper_off: float
+    brake_resistance: float
+    link_load: float
+    grid_load: float
+    fan: float
+    fan_on_degc: float
+    fan_off_degc: float
 
 
-class LinkFlows(Described):
-    """Means over every step, shape (N, K) each. [W]"""
+@dataclass(frozen=True)
+class LinkFlows:
+    """Means over every step, shape (N, K) each. [W]
 
-    switching_loss: Annotated[Float, "Of all inverters."]
-    brake: Annotated[Float, "Of the resistor."]
-    stored: Annotated[Float, "Into the capacitor."]
-    rectifier_loss: Annotated[Float, "Of source and diodes."]
-    link: Annotated[Float, "From the rectifier into the link."]
+    Attributes:
+        switching_loss: Of all inverters.
+        brake: Of the resistor.
+        stored: Into the capacitor.
+        rectifier_loss: Of source and diodes.
+        link: From the rectifier into the link.
+    """
+
+    switching_loss: Float
+    brake: Float
+    stored: Float
+    rectifier_loss: Float
+    link: Float
 
 
 class DcLink:

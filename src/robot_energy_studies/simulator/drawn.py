@@ -7,14 +7,12 @@ from the distributions below; those of the virtual rig and of the model files do
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 from robot_energy_studies.simulator.arm import Body, ElasticArm, limits_of_urdf, read_urdf
 from robot_energy_studies.simulator.cabinet import DrawnCabinet
@@ -33,8 +31,14 @@ WIND_UP = (3e-3, 3e-3, 3e-3, 1e-2, 1e-2, 1e-2)  # rad at the effort limit; the w
 RATED_SHARE = 0.5  # of the effort limit
 
 
-class DrawnRobot(Described):
-    """One robot with its cabinet."""
+@dataclass(frozen=True)
+class DrawnRobot:
+    """One robot with its cabinet.
+
+    Attributes:
+        acceleration: Of its programs, shape (n,). [rad/s^2]
+        plate_inertia: Rotor inertias on the data sheet, shape (n,). [kg m^2]
+    """
 
     arm: ElasticArm
     friction: GearFriction
@@ -42,8 +46,8 @@ class DrawnRobot(Described):
     heat: HeatNetwork
     friction_to_housing: Float
     cabinet: DrawnCabinet
-    acceleration: Annotated[Float, "Of its programs, shape (n,). [rad/s^2]"]
-    plate_inertia: Annotated[Float, "Rotor inertias on the data sheet, shape (n,). [kg m^2]"]
+    acceleration: Float
+    plate_inertia: Float
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -9,35 +9,53 @@ higher viscosity takes over from the boundary at a lower speed.
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 REFERENCE_DEGC = 40.0
 LEAST_SHARE = 0.3  # of boundary friction, however hot the oil is
 
 
-class GearFriction(Described):
-    """Figures of all gears, motor side, shape (n,) each."""
+@dataclass(frozen=True)
+class GearFriction:
+    """Figures of all gears, motor side, shape (n,) each.
 
-    boundary: Annotated[Float, "Sliding friction without load at 40 degC. [N m]"]
-    boundary_fall: Annotated[Float, "Share of it lost per kelvin. [1/K]"]
-    breakaway: Annotated[Float, "Added at standstill, share of the boundary friction. [-]"]
-    film_speed: Annotated[Float, "Speed at which the film takes over at 40 degC. [rad/s]"]
-    film_shape: Annotated[Float, "Exponent of that transition. [-]"]
-    teeth: Annotated[Float, "Friction at rated load. [N m]"]
-    teeth_exponent: Annotated[Float, "Of the load. [-]"]
-    film: Annotated[Float, "Friction of the film at rated speed and 40 degC. [N m]"]
-    film_exponent: Annotated[Float, "Of the speed. [-]"]
-    viscosity_exponent: Annotated[Float, "Of the viscosity. [-]"]
-    vogel_b: Annotated[Float, "B. [K]"]
-    vogel_c: Annotated[Float, "C. [K]"]
-    bristle: Annotated[Float, "Motor angle at which the bristles slide. [rad]"]
-    rated_torque: Annotated[Float, "[N m]"]
-    rated_speed: Annotated[Float, "[rad/s]"]
+    Attributes:
+        boundary: Sliding friction without load at 40 degC. [N m]
+        boundary_fall: Share of it lost per kelvin. [1/K]
+        breakaway: Added at standstill, share of the boundary friction. [-]
+        film_speed: Speed at which the film takes over at 40 degC. [rad/s]
+        film_shape: Exponent of that transition. [-]
+        teeth: Friction at rated load. [N m]
+        teeth_exponent: Of the load. [-]
+        film: Friction of the film at rated speed and 40 degC. [N m]
+        film_exponent: Of the speed. [-]
+        viscosity_exponent: Of the viscosity. [-]
+        vogel_b: B. [K]
+        vogel_c: C. [K]
+        bristle: Motor angle at which the bristles slide. [rad]
+        rated_torque: [N m]
+        rated_speed: [rad/s]
+    """
+
+    boundary: Float
+    boundary_fall: Float
+    breakaway: Float
+    film_speed: Float
+    film_shape: Float
+    teeth: Float
+    teeth_exponent: Float
+    film: Float
+    film_exponent: Float
+    viscosity_exponent: Float
+    vogel_b: Float
+    vogel_c: Float
+    bristle: Float
+    rated_torque: Float
+    rated_speed: Float
 
     def viscosity(self, oil_degc: Float) -> Float:
         """Return the viscosity relative to 40 degC, same shape. [-]

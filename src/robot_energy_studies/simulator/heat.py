@@ -6,11 +6,10 @@ castings of neighbours touch each other. Explicit steps.
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 REFERENCE_RISE = 30.0  # K
@@ -18,17 +17,29 @@ LONGEST_STEP = 10.0  # s
 WINDING, HOUSING, OIL, CASTING = range(4)
 
 
-class HeatNetwork(Described):
-    """Figures of one arm, shape (n,) each."""
+@dataclass(frozen=True)
+class HeatNetwork:
+    """Figures of one arm, shape (n,) each.
 
-    capacity: Annotated[Float, "Of the four nodes of every axis, shape (4, n). [J/K]"]
-    winding_housing: Annotated[Float, "[W/K]"]
-    housing_casting: Annotated[Float, "[W/K]"]
-    housing_oil: Annotated[Float, "Along the shaft. [W/K]"]
-    oil_casting: Annotated[Float, "[W/K]"]
-    neighbours: Annotated[Float, "From one casting to the next, shape (n - 1,). [W/K]"]
-    housing_hall: Annotated[Float, "At 30 K. [W/K]"]
-    casting_hall: Annotated[Float, "At 30 K. [W/K]"]
+    Attributes:
+        capacity: Of the four nodes of every axis, shape (4, n). [J/K]
+        winding_housing: [W/K]
+        housing_casting: [W/K]
+        housing_oil: Along the shaft. [W/K]
+        oil_casting: [W/K]
+        neighbours: From one casting to the next, shape (n - 1,). [W/K]
+        housing_hall: At 30 K. [W/K]
+        casting_hall: At 30 K. [W/K]
+    """
+
+    capacity: Float
+    winding_housing: Float
+    housing_casting: Float
+    housing_oil: Float
+    oil_casting: Float
+    neighbours: Float
+    housing_hall: Float
+    casting_hall: Float
 
     def step(self, degc: Float, heat: Float, hall_degc: float | Float, duration: float) -> Float:
         """Return the temperatures after a while of constant heat, same shape. [degC]

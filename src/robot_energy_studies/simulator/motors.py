@@ -9,11 +9,10 @@ constant falls with the temperature of the magnets and with the current. An inve
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 REFERENCE_DEGC = 20.0
@@ -21,26 +20,47 @@ COPPER = 0.00393  # 1/K
 STILL = 0.5  # rad/s, below which hysteresis does not brake fully
 
 
-class Motors(Described):
-    """Figures of all motors and inverters, shape (n,) each."""
+@dataclass(frozen=True)
+class Motors:
+    """Figures of all motors and inverters, shape (n,) each.
 
-    plate_constant: Annotated[Float, "Torque constant on the name plate. [N m/A]"]
-    torque_constant: Annotated[Float, "True one at 20 degC and no current. [N m/A]"]
-    magnet_fall: Annotated[Float, "Share of it lost per kelvin. [1/K]"]
-    saturation: Annotated[Float, "Share of it lost at rated current; grows with the square. [-]"]
-    rated_current: Annotated[Float, "[A]"]
-    resistance: Annotated[Float, "Of a phase at 20 degC. [ohm]"]
-    skin: Annotated[Float, "Rise of the resistance at rated speed; grows with the square. [-]"]
-    hysteresis: Annotated[Float, "Torque. [N m]"]
-    hysteresis_rise: Annotated[Float, "Its rise at rated torque; grows with the square. [-]"]
-    eddy: Annotated[Float, "[N m s/rad]"]
-    excess: Annotated[Float, "[N m (s/rad)^0.5]"]
-    standby: Annotated[Float, "Of an inverter that is on. [W]"]
-    conduction_linear: Annotated[Float, "[W/A]"]
-    conduction_square: Annotated[Float, "[W/A^2]"]
-    switching: Annotated[Float, "[W/(A V)]"]
-    rated_torque: Annotated[Float, "[N m]"]
-    rated_speed: Annotated[Float, "[rad/s]"]
+    Attributes:
+        plate_constant: Torque constant on the name plate. [N m/A]
+        torque_constant: True one at 20 degC and no current. [N m/A]
+        magnet_fall: Share of it lost per kelvin. [1/K]
+        saturation: Share of it lost at rated current; grows with the square. [-]
+        rated_current: [A]
+        resistance: Of a phase at 20 degC. [ohm]
+        skin: Rise of the resistance at rated speed; grows with the square. [-]
+        hysteresis: Torque. [N m]
+        hysteresis_rise: Its rise at rated torque; grows with the square. [-]
+        eddy: [N m s/rad]
+        excess: [N m (s/rad)^0.5]
+        standby: Of an inverter that is on. [W]
+        conduction_linear: [W/A]
+        conduction_square: [W/A^2]
+        switching: [W/(A V)]
+        rated_torque: [N m]
+        rated_speed: [rad/s]
+    """
+
+    plate_constant: Float
+    torque_constant: Float
+    magnet_fall: Float
+    saturation: Float
+    rated_current: Float
+    resistance: Float
+    skin: Float
+    hysteresis: Float
+    hysteresis_rise: Float
+    eddy: Float
+    excess: Float
+    standby: Float
+    conduction_linear: Float
+    conduction_square: Float
+    switching: Float
+    rated_torque: Float
+    rated_speed: Float
 
     def drag(self, motor_velocity: Float, air_gap_torque: Float) -> Float:
         """Return by how much iron brakes the shaft, same shape. [N m]

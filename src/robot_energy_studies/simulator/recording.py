@@ -8,14 +8,13 @@ whole degrees. The power meter has a limited bandwidth and a delay, and reads wh
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
-from robot_energy.foundation.described import Described
 from robot_energy.messages.fields import (
     DRIVE_POWER_TOPIC,
     JOINT_STATES_TOPIC,
@@ -54,14 +53,23 @@ READING = 100  # steps between readings of the meter
 METER_NOISE = 0.002  # of a reading
 
 
-class DrawnSensors(Described):
-    """Constant errors of the sensors of one robot."""
+@dataclass(frozen=True)
+class DrawnSensors:
+    """Constant errors of the sensors of one robot.
 
-    temperature_offset: Annotated[Float, "Shape (n,). [K]"]
-    meter_gain: Annotated[float, "[-]"]
-    meter_lag: Annotated[float, "Time constant of the meter. [s]"]
-    meter_delay: Annotated[float, "Of its stamps. [s]"]
-    seed: Annotated[int, "Of the noise."]
+    Attributes:
+        temperature_offset: Shape (n,). [K]
+        meter_gain: [-]
+        meter_lag: Time constant of the meter. [s]
+        meter_delay: Of its stamps. [s]
+        seed: Of the noise.
+    """
+
+    temperature_offset: Float
+    meter_gain: float
+    meter_lag: float
+    meter_delay: float
+    seed: int
 
 
 def drawn_sensors(seed: int, n_joints: int) -> DrawnSensors:

@@ -9,11 +9,11 @@ Temperatures are held for a second and then advanced by its mean heat.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.ptp import SampledPath
@@ -41,25 +41,31 @@ LOSSES = (
 )
 
 
-class SimulatedRun(Described):
-    """What K robots did, N steps long."""
+@dataclass(frozen=True)
+class SimulatedRun:
+    """What K robots did, N steps long.
 
-    motor_angle: Annotated[Float, "At every `SAMPLE`th step, shape (N / SAMPLE, K, n). [rad]"]
-    motor_velocity: Annotated[Float, "Likewise. [rad/s]"]
-    joint_position: Annotated[Float, "Of the links, likewise. [rad]"]
-    current: Annotated[Float, "Likewise. [A]"]
-    grid_power: Annotated[Float, "Means over the steps, shape (N, K). [W]"]
-    degc: Annotated[
-        Float,
-        "At the start and after every block: winding, housing, oil, casting of every axis, shape "
-        "(blocks + 1, K, 4, n). [degC]",
-    ]
-    energy: Annotated[
-        dict[str, Float],
-        "Sum over the run by `LOSSES`, and ``grid`` and ``stored`` (bodies, gears, bristles, "
-        "capacitor), shape (K,) each. [J]",
-    ]
-    node_heat: Annotated[Float, "Mean heat into every node, shape (K, 4, n). [W]"]
+    Attributes:
+        motor_angle: At every `SAMPLE`th step, shape (N / SAMPLE, K, n). [rad]
+        motor_velocity: Likewise. [rad/s]
+        joint_position: Of the links, likewise. [rad]
+        current: Likewise. [A]
+        grid_power: Means over the steps, shape (N, K). [W]
+        degc: At the start and after every block: winding, housing, oil, casting of every axis,
+            shape (blocks + 1, K, 4, n). [degC]
+        energy: Sum over the run by `LOSSES`, and ``grid`` and ``stored`` (bodies, gears, bristles,
+            capacitor), shape (K,) each. [J]
+        node_heat: Mean heat into every node, shape (K, 4, n). [W]
+    """
+
+    motor_angle: Float
+    motor_velocity: Float
+    joint_position: Float
+    current: Float
+    grid_power: Float
+    degc: Float
+    energy: dict[str, Float]
+    node_heat: Float
 
     @property
     def imbalance(self) -> Float:
