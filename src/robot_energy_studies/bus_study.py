@@ -14,9 +14,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import replay
@@ -62,23 +64,14 @@ class JudgedBus(JudgedClaim):
     energy: float
 
 
-@dataclass(frozen=True)
-class DriveWork:
-    """What one plant did.
+class DriveWork(Described):
+    """What one plant did."""
 
-    Attributes:
-        profile: Of the plant.
-        model: Identified from other recordings.
-        bag: The recording.
-        power: True input of all drives, shape (N,). [W]
-        interval: That a sample stands for. [s]
-    """
-
-    profile: PlantProfile
-    model: RobotModel
-    bag: Path
-    power: Float
-    interval: float
+    profile: Annotated[PlantProfile, "Of the plant."]
+    model: Annotated[RobotModel, "Identified from other recordings."]
+    bag: Annotated[Path, "The recording."]
+    power: Annotated[Float, "True input of all drives, shape (N,). [W]"]
+    interval: Annotated[float, "That a sample stands for. [s]"]
 
 
 def works(folder: Path, plant: int) -> list[DriveWork]:

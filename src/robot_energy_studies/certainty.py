@@ -7,9 +7,11 @@ temperatures without a sensor. Each is proven by repetition on plants drawn at r
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.timeline.blocks import Float, Learning
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
@@ -46,27 +48,22 @@ SHORT = BandRuns(
 )
 
 
-@dataclass(frozen=True)
-class CertaintyStudySize:
-    """How much is done.
+class CertaintyStudySize(Described):
+    """How much is done."""
 
-    Attributes:
-        robots: Whose bodies the plants have; each repetition has the next.
-        bands: Runs behind the bands; None for the full ones.
-        wear: Axes of one plant that wear by 15 %, each in a run of its own.
-        learning_robots: Plants of the rig whose model is mistaken, watched by a learner.
-        learning_minutes: How long each works. [min]
-    """
-
-    robots: tuple[str, ...]
+    robots: Annotated[
+        tuple[str, ...], "Whose bodies the plants have; each repetition has the next."
+    ]
     repetitions: int
     hard: int
-    bands: BandRuns | None
+    bands: Annotated[BandRuns | None, "Runs behind the bands; None for the full ones."]
     band_plants: int
     thermal: int
-    wear: int
-    learning_robots: tuple[str, ...]
-    learning_minutes: int
+    wear: Annotated[int, "Axes of one plant that wear by 15 %, each in a run of its own."]
+    learning_robots: Annotated[
+        tuple[str, ...], "Plants of the rig whose model is mistaken, watched by a learner."
+    ]
+    learning_minutes: Annotated[int, "How long each works. [min]"]
 
 
 FULL = CertaintyStudySize(
@@ -85,19 +82,15 @@ class LearningResult:
     applied: list[LearningRow]
 
 
-@dataclass(frozen=True)
-class Certainty:
-    """Everything the study found.
-
-    Attributes:
-        intervals: Identified figures of each repetition, within the form of the model.
-        hard: The same with every effect of the rig.
-    """
+class Certainty(Described):
+    """Everything the study found."""
 
     seed: int
     scale: CertaintyStudySize
-    intervals: list[list[Judged]]
-    hard: list[list[Judged]]
+    intervals: Annotated[
+        list[list[Judged]], "Identified figures of each repetition, within the form of the model."
+    ]
+    hard: Annotated[list[list[Judged]], "The same with every effect of the rig."]
     bands: list[Covered]
     thermal: list[HiddenPlant]
     wear: list[WearRow]

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
@@ -44,27 +46,19 @@ WITHOUT = {
 """Sets without power of the whole robot, by folder."""
 
 
-@dataclass(frozen=True)
-class TestedRecording:
-    """One recording that no fit has seen.
-
-    Attributes:
-        duration: That they cover. [s]
-        mean_power: Measured. [W]
-        rms: Error of the power. [W]
-        energy_error: Predicted over measured energy minus 1. [-]
-        tool_path: Way of the tool; None without kinematics. [m]
-        body_work: What lifted and accelerated bodies; None without a model. [J]
-    """
+class TestedRecording(Described):
+    """One recording that no fit has seen."""
 
     name: str
     readings: int
-    duration: float
-    mean_power: float
-    rms: float
-    energy_error: float
-    tool_path: float | None
-    body_work: float | None
+    duration: Annotated[float, "That they cover. [s]"]
+    mean_power: Annotated[float, "Measured. [W]"]
+    rms: Annotated[float, "Error of the power. [W]"]
+    energy_error: Annotated[float, "Predicted over measured energy minus 1. [-]"]
+    tool_path: Annotated[float | None, "Way of the tool; None without kinematics. [m]"]
+    body_work: Annotated[
+        float | None, "What lifted and accelerated bodies; None without a model. [J]"
+    ]
 
     @property
     def energy_per_metre(self) -> float | None:
@@ -79,29 +73,18 @@ class TestedRecording:
         )
 
 
-@dataclass(frozen=True)
-class TestedRobot:
-    """One robot.
-
-    Attributes:
-        torque: Where the torque comes from, in words.
-        rate: Of the readings. [Hz]
-        train_rms: Error of a fit to all recordings, on the same. [W]
-        rms: Error on recordings that the fit has not seen. [W]
-        constant_rms: The same of a constant power. [W]
-        spread: Standard deviation of the measured power. [W]
-        mean_power: Measured. [W]
-    """
+class TestedRobot(Described):
+    """One robot."""
 
     robot: str
     meter: str
-    torque: str
-    rate: float
-    train_rms: float
-    rms: float
-    constant_rms: float
-    spread: float
-    mean_power: float
+    torque: Annotated[str, "Where the torque comes from, in words."]
+    rate: Annotated[float, "Of the readings. [Hz]"]
+    train_rms: Annotated[float, "Error of a fit to all recordings, on the same. [W]"]
+    rms: Annotated[float, "Error on recordings that the fit has not seen. [W]"]
+    constant_rms: Annotated[float, "The same of a constant power. [W]"]
+    spread: Annotated[float, "Standard deviation of the measured power. [W]"]
+    mean_power: Annotated[float, "Measured. [W]"]
     recordings: tuple[TestedRecording, ...]
 
     @property

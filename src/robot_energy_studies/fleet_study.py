@@ -12,11 +12,11 @@ from __future__ import annotations
 import time
 from argparse import ArgumentParser
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Learning
@@ -33,18 +33,14 @@ STEP = 30.0  # of rig and pipeline [s]
 CAUSES = {"wear": "friction"}  # kinds of findings that mean the same fault
 
 
-@dataclass(frozen=True)
-class FleetRow:
-    """What the report of one fleet has found.
-
-    Attributes:
-        missed: Robots with a fault that is not named.
-        false: Findings of a fault on a robot that has another one, or none.
-    """
+class FleetRow(Described):
+    """What the report of one fleet has found."""
 
     found: tuple[str, ...]
-    missed: tuple[str, ...]
-    false: tuple[str, ...]
+    missed: Annotated[tuple[str, ...], "Robots with a fault that is not named."]
+    false: Annotated[
+        tuple[str, ...], "Findings of a fault on a robot that has another one, or none."
+    ]
     report: FleetReport
 
 

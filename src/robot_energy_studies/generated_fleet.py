@@ -19,9 +19,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import load
 from robot_energy.model.payload import payload
@@ -70,24 +72,16 @@ class FleetPlan:
         return {_name_of(robot % self.robots): kind for robot, kind in kinds.items()}
 
 
-@dataclass(frozen=True)
-class Visit:
-    """A time at one robot that is recorded.
-
-    Attributes:
-        duration: Of the recording. [s]
-        programme: What the robot does; empty for a night.
-        start: Stamp of the first sample. [s since 1970]
-        cycle: Length of a cycle; 0 for a night. [s]
-    """
+class Visit(Described):
+    """A time at one robot that is recorded."""
 
     robot: str
     name: str
     rig: VirtualRig
-    duration: float
-    programme: str
-    start: int
-    cycle: float
+    duration: Annotated[float, "Of the recording. [s]"]
+    programme: Annotated[str, "What the robot does; empty for a night."]
+    start: Annotated[int, "Stamp of the first sample. [s since 1970]"]
+    cycle: Annotated[float, "Length of a cycle; 0 for a night. [s]"]
 
     @property
     def jobs(self) -> list[tuple[float, float]]:

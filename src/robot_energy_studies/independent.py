@@ -16,6 +16,7 @@ from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ImplausibleIdentificationError, NotIdentifiableError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
@@ -52,16 +53,14 @@ WORK, WORK_DEGC = 10.0, 50.0  # s and degC of the work whose heat warms up
 LEAST_SHARE = 0.6  # of the heat of an axis in the warm-up of the test
 
 
-@dataclass(frozen=True)
-class IndependentStudySize:
-    """How much is done.
-
-    Attributes:
-        train: When sets for identification are recorded, as shares of the rise of the windings.
-    """
+class IndependentStudySize(Described):
+    """How much is done."""
 
     plants: int
-    train: tuple[float, ...]
+    train: Annotated[
+        tuple[float, ...],
+        "When sets for identification are recorded, as shares of the rise of the windings.",
+    ]
     test: tuple[float, ...]
     moves: int
 
@@ -118,18 +117,15 @@ def published(robot: DrawnRobot) -> RobotModel:
     return model.changed(joints=joints)
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """Recorded sets of one robot: for identification, for the test, and at rest.
-
-    Attributes:
-        imbalance: Greatest difference of the energies of the simulation, relative. [-]
-    """
+class Experiment(Described):
+    """Recorded sets of one robot: for identification, for the test, and at rest."""
 
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
-    imbalance: float
+    imbalance: Annotated[
+        float, "Greatest difference of the energies of the simulation, relative. [-]"
+    ]
 
 
 def independent_row(plant_seed: int, scale: IndependentStudySize) -> IndependentRow:

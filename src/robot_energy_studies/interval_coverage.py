@@ -12,14 +12,16 @@ Do intervals from more recordings meet those from fewer? `DrawnPlant.more_record
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.certainty.band import Z95
+from robot_energy.foundation.described import Described
 from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import RobotModel, load
 from robot_energy.model.figure import Figure
@@ -50,21 +52,14 @@ WRONG_BODIES, WRONG_ROTORS = 0.08, 0.15  # standard deviations of the given figu
 GROUPS = ("bodies", "Coulomb", "viscous", "copper", "constants", "DC link")
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One identified figure and what is true.
-
-    Attributes:
-        truth: Of the plant, in the unit of the figure. [-]
-        value: As identified. [-]
-        std: As identified; NaN where none is given. [-]
-    """
+class Judged(Described):
+    """One identified figure and what is true."""
 
     group: str
     name: str
-    truth: float
-    value: float
-    std: float
+    truth: Annotated[float, "Of the plant, in the unit of the figure. [-]"]
+    value: Annotated[float, "As identified. [-]"]
+    std: Annotated[float, "As identified; NaN where none is given. [-]"]
 
     @property
     def deviations(self) -> float:
@@ -77,48 +72,35 @@ class Judged:
         return abs(self.deviations) <= Z95
 
 
-@dataclass(frozen=True)
-class IntervalCoverage:
-    """How often the intervals of one group hold the truth.
-
-    Attributes:
-        share: Of the intervals that hold the truth. [-]
-        half_width: Median of half the interval over the truth. [-]
-        deviations: Root mean square of the error in standard deviations; 1 if these are right. [-]
-    """
+class IntervalCoverage(Described):
+    """How often the intervals of one group hold the truth."""
 
     group: str
     figures: int
     repetitions: int
-    share: float
-    half_width: float
-    deviations: float
+    share: Annotated[float, "Of the intervals that hold the truth. [-]"]
+    half_width: Annotated[float, "Median of half the interval over the truth. [-]"]
+    deviations: Annotated[
+        float, "Root mean square of the error in standard deviations; 1 if these are right. [-]"
+    ]
 
 
-@dataclass(frozen=True)
-class MoreRecordings:
-    """Intervals of one plant from some recordings and from one more.
-
-    Attributes:
-        disjoint: Names of those whose intervals do not meet.
-    """
+class MoreRecordings(Described):
+    """Intervals of one plant from some recordings and from one more."""
 
     recordings: int
     figures: int
-    disjoint: tuple[str, ...]
+    disjoint: Annotated[tuple[str, ...], "Names of those whose intervals do not meet."]
 
 
-@dataclass(frozen=True)
-class DrawnPlant:
-    """A plant drawn at random, recorded, identified and compared with the truth.
-
-    Attributes:
-        seed: Of motions, noise, constant errors and of the errors of the model to begin with.
-    """
+class DrawnPlant(Described):
+    """A plant drawn at random, recorded, identified and compared with the truth."""
 
     profile: PlantProfile
     config: RigConfig
-    seed: int
+    seed: Annotated[
+        int, "Of motions, noise, constant errors and of the errors of the model to begin with."
+    ]
 
     @classmethod
     def of(cls, robot: str, seed: int, hard: bool) -> DrawnPlant:

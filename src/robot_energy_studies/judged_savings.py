@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion import Program
 from robot_energy_plan.motion.ptp import MotionLimits
@@ -58,22 +60,14 @@ class JudgedSaving(JudgedClaim):
     standing: float
 
 
-@dataclass(frozen=True)
-class JudgedChoice:
-    """The choice of the model against the best that the rig itself allows.
-
-    Attributes:
-        degc: Temperature of motors and gears. [degC]
-        free: Whether cycles follow each other at once.
-        chosen: Energy on the rig of what the model chose. [J]
-        best: Least energy on the rig, of every combination. [J]
-    """
+class JudgedChoice(Described):
+    """The choice of the model against the best that the rig itself allows."""
 
     plant: int
-    degc: float
-    free: bool
-    chosen: float
-    best: float
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
+    free: Annotated[bool, "Whether cycles follow each other at once."]
+    chosen: Annotated[float, "Energy on the rig of what the model chose. [J]"]
+    best: Annotated[float, "Least energy on the rig, of every combination. [J]"]
 
     @property
     def regret(self) -> float:
@@ -106,16 +100,11 @@ class PlantAtWork:
         return float(self.power(program).mean()) * program.period
 
 
-@dataclass(frozen=True)
-class DrawnWork:
-    """One program of one plant at one temperature.
-
-    Attributes:
-        degc: Temperature of motors and gears. [degC]
-    """
+class DrawnWork(Described):
+    """One program of one plant at one temperature."""
 
     plant: int
-    degc: float
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
     program: Program
     limits: MotionLimits
     rig: PlantAtWork

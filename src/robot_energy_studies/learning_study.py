@@ -8,9 +8,9 @@ straight into the pipeline that a monitor runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states import decode
 from robot_energy.model import RobotModel, load
 from robot_energy.model.joint import Joint
@@ -25,18 +25,12 @@ FRICTION, LOSSES = 0.7, 0.85  # of the mistaken model, over the true ones [-]
 REST = 2.0  # s, at every third pose: a cell waits for its parts
 
 
-@dataclass(frozen=True)
-class LearningRow:
-    """One minute of work.
-
-    Attributes:
-        error: Predicted over measured energy of this minute, less 1. [-]
-        degc: Mean motor temperature at its end. [degC]
-    """
+class LearningRow(Described):
+    """One minute of work."""
 
     minute: int
-    error: float
-    degc: float
+    error: Annotated[float, "Predicted over measured energy of this minute, less 1. [-]"]
+    degc: Annotated[float, "Mean motor temperature at its end. [degC]"]
 
 
 def mistaken(model: RobotModel, friction: float, losses: float) -> RobotModel:

@@ -10,13 +10,14 @@ file does not know, and three short recordings without torque: simulated.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.certainty.band import Z90
 from robot_energy.certainty.deviation import FORM
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.friction import viscous_law
@@ -43,19 +44,13 @@ DWELL, RATE = 0.2, 50.0  # s of rest after every motion; Hz of the joint states
 MIN_SAMPLES = 100  # of friction at one temperature
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """One recording, or temperature, that the fit has not seen.
-
-    Attributes:
-        error: Predicted over measured, less 1. [-]
-        half: Half width of the 90 % band over what is predicted. [-]
-    """
+class LeftOut(Described):
+    """One recording, or temperature, that the fit has not seen."""
 
     robot: str
     name: str
-    error: float
-    half: float
+    error: Annotated[float, "Predicted over measured, less 1. [-]"]
+    half: Annotated[float, "Half width of the 90 % band over what is predicted. [-]"]
 
     @property
     def inside(self) -> bool:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
@@ -31,19 +33,12 @@ WAITS = SavingsStudySize(12, TRAINING, (22.0, 40.0, 62.0), 1, False, 0, waits=Tr
 QUICK = SavingsStudySize(1, SHORT_TRAINING, (40.0,), 1, False, 5)
 
 
-@dataclass(frozen=True)
-class OverrideCurve:
-    """Energy of one program on the rig over its override.
+class OverrideCurve(Described):
+    """Energy of one program on the rig over its override."""
 
-    Attributes:
-        degc: Temperature of motors and gears. [degC]
-        standing: Share of the constant losses that is left. [-]
-        energy: At each of `OVERRIDES`. [J]
-    """
-
-    degc: float
-    standing: float
-    energy: list[float]
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
+    standing: Annotated[float, "Share of the constant losses that is left. [-]"]
+    energy: Annotated[list[float], "At each of `OVERRIDES`. [J]"]
 
     @property
     def best(self) -> float:

@@ -10,10 +10,12 @@ on a robot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
@@ -42,24 +44,20 @@ SPEEDS = np.array([0.15, 0.25, 0.35, 0.45, 0.6, 0.8, 1.0])  # of the brute force
 ACCELERATIONS = np.array([0.1, 0.3, 1.0])
 
 
-@dataclass(frozen=True)
-class SavingsStudySize:
-    """How much is done.
-
-    Attributes:
-        temperatures: Of motors and gears. [degC]
-        brute: Whether the best choice on the rig is looked for.
-        waits: Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of
-            every second plant creep at rest until friction carries a part of the load.
-    """
+class SavingsStudySize(Described):
+    """How much is done."""
 
     plants: int
     training: tuple[Recorded, ...]
-    temperatures: tuple[float, ...]
+    temperatures: Annotated[tuple[float, ...], "Of motors and gears. [degC]"]
     programs: int
-    brute: bool
+    brute: Annotated[bool, "Whether the best choice on the rig is looked for."]
     limits: int
-    waits: bool = False
+    waits: Annotated[
+        bool,
+        "Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of "
+        "every second plant creep at rest until friction carries a part of the load.",
+    ] = False
 
 
 def judge_plant(

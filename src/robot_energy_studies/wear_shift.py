@@ -7,11 +7,12 @@ every half hour; half of the changes are unknown to the monitor.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.condition.wear import WearMonitor
+from robot_energy.foundation.described import Described
 from robot_energy.model import load
 from robot_energy.model.payload import payload
 from robot_energy.timeline.blocks import Learning
@@ -25,24 +26,17 @@ HIDDEN = 3.0  # greatest mass that the monitor does not get [kg]
 DAY_HOURS = 24  # h
 
 
-@dataclass(frozen=True)
-class WearRow:
-    """One axis that was made to wear.
-
-    Attributes:
-        found: Time from the beginning of wear until the alarm; NaN if there was none. [h]
-        motion: Motion of this axis in that time. [h]
-        named: Axes with an alarm that somebody should look at.
-        size: Change stated at the end. [-]
-        std: Its standard deviation. [-]
-    """
+class WearRow(Described):
+    """One axis that was made to wear."""
 
     joint: int
-    found: float
-    motion: float
-    named: tuple[int, ...]
-    size: float
-    std: float
+    found: Annotated[
+        float, "Time from the beginning of wear until the alarm; NaN if there was none. [h]"
+    ]
+    motion: Annotated[float, "Motion of this axis in that time. [h]"]
+    named: Annotated[tuple[int, ...], "Axes with an alarm that somebody should look at."]
+    size: Annotated[float, "Change stated at the end. [-]"]
+    std: Annotated[float, "Its standard deviation. [-]"]
 
 
 class Shift:

@@ -8,7 +8,7 @@ model that the steps before it left.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -84,29 +84,29 @@ class Kept:
         return self._pieces[span]
 
 
-@dataclass(frozen=True)
-class Bag:
-    """One bag, or some stretches of it.
-
-    Attributes:
-        inputs: What the inputs of a live monitor are, to read the bag in the same way.
-        spans: Stretches that count. [ns]
-        meter_delay: Of the power meter behind the joint states, undone when read. [s]
-        meter_time_constant: Of a low pass in the power meter, undone when read. [s]
-        most: Samples of it that are kept, see `robot_energy_identify.data.thinned`.
-        kept: The bag as it was read; None: it is read again with each model.
-    """
+class Bag(Described):
+    """One bag, or some stretches of it."""
 
     path: Path
     effort: EffortMeaning = EffortMeaning.NONE
-    inputs: Inputs | None = None
+    inputs: Annotated[
+        Inputs | None, "What the inputs of a live monitor are, to read the bag in the same way."
+    ] = None
     drive_power: MeasuredDrivePower | None = None
-    spans: tuple[Span, ...] = (EVER,)
-    meter_delay: float = 0.0
-    meter_time_constant: float = 0.0
+    spans: Annotated[tuple[Span, ...], "Stretches that count. [ns]"] = (EVER,)
+    meter_delay: Annotated[
+        float, "Of the power meter behind the joint states, undone when read. [s]"
+    ] = 0.0
+    meter_time_constant: Annotated[
+        float, "Of a low pass in the power meter, undone when read. [s]"
+    ] = 0.0
     sensors: SensorLimits = DEFAULT_LIMITS
-    most: float = MOST
-    kept: Kept | None = field(default=None, repr=False)
+    most: Annotated[
+        float, "Samples of it that are kept, see `robot_energy_identify.data.thinned`."
+    ] = MOST
+    kept: Annotated[
+        Kept | None, "The bag as it was read; None: it is read again with each model."
+    ] = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
@@ -266,16 +266,11 @@ def powers_of(
     return [part for part, _ in read], [power for _, power in read]
 
 
-@dataclass(frozen=True)
-class Fold:
-    """What is fitted together and what is tested on it.
-
-    Attributes:
-        test: Bags, or stretches, that the fit does not see.
-    """
+class Fold(Described):
+    """What is fitted together and what is tested on it."""
 
     train: tuple[Bag, ...]
-    test: tuple[Bag, ...]
+    test: Annotated[tuple[Bag, ...], "Bags, or stretches, that the fit does not see."]
 
 
 def blocks_of(span: Span) -> tuple[list[Span], int]:

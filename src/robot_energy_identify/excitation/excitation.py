@@ -10,7 +10,7 @@ a large one. (Columns scaled to unit length by the motion itself would hide its 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
@@ -147,24 +147,19 @@ class ExcitationSettings(Described):
                 raise MotionError(f"{name} is {getattr(self, name)}", f"a number from {least} on")
 
 
-@dataclass(frozen=True)
-class Excitation:
-    """An optimised motion.
-
-    Attributes:
-        base: Groups of parameters that any motion can determine.
-        use: Of each limit minus its margin, by kind, shape (n,); at most 1.
-        height: Least height of the watched link, inf where none is. [m]
-    """
+class Excitation(Described):
+    """An optimised motion."""
 
     motion: FourierMotion
     settings: ExcitationSettings
     limits: ExcitationLimits
-    base: BaseParameters
+    base: Annotated[BaseParameters, "Groups of parameters that any motion can determine."]
     start: ExcitationScore
     quality: ExcitationScore
-    use: dict[str, Float]
-    height: float
+    use: Annotated[
+        dict[str, Float], "Of each limit minus its margin, by kind, shape (n,); at most 1."
+    ]
+    height: Annotated[float, "Least height of the watched link, inf where none is. [m]"]
 
 
 @one_thread

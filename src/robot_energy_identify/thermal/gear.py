@@ -41,22 +41,17 @@ logarithm of the rise by the mean friction power [K]; logarithm of c [K]."""
 MAX_START = 40.0  # K of a gear from its motor, at the start of a recording
 
 
-@dataclass(frozen=True)
-class GearRun:
-    """One axis during one recording, in windows of 10 s.
+class GearRun(Described):
+    """One axis during one recording, in windows of 10 s."""
 
-    Attributes:
-        friction_power: Mean, shape (N,). [W]
-        motor_temperature_degc: Last reading by the end of each, shape (N,). [degC]
-        window: Of each sample of the axis that belongs to the recording, shape (M,).
-        triangles: Of sign, speed, 1 and friction torque of the samples, shape (N, 3, 4); what no
-            law can explain within a window is left out.
-    """
-
-    friction_power: Float
-    motor_temperature_degc: Float
-    window: Int
-    triangles: Float
+    friction_power: Annotated[Float, "Mean, shape (N,). [W]"]
+    motor_temperature_degc: Annotated[Float, "Last reading by the end of each, shape (N,). [degC]"]
+    window: Annotated[Int, "Of each sample of the axis that belongs to the recording, shape (M,)."]
+    triangles: Annotated[
+        Float,
+        "Of sign, speed, 1 and friction torque of the samples, shape (N, 3, 4); what no law can "
+        "explain within a window is left out.",
+    ]
 
     def __len__(self) -> int:
         return len(self.friction_power)

@@ -11,7 +11,7 @@ the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain tr
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Protocol, Self
 
 import numpy as np
@@ -123,8 +123,7 @@ class MotionLimits(Described):
         )
 
 
-@dataclass(frozen=True)
-class ArrayRecord:
+class ArrayRecord(Described):
     """Base of records of arrays of one length: cutting and joining along the first axis."""
 
     def __len__(self) -> int:
@@ -140,19 +139,12 @@ class ArrayRecord:
         return cls(*map(np.concatenate, columns))
 
 
-@dataclass(frozen=True)
 class Trajectory(ArrayRecord):
-    """Joint motion at given times, joint side, shape (N, n) each.
+    """Joint motion at given times, joint side, shape (N, n) each."""
 
-    Attributes:
-        joint_position: [rad] or [m]
-        joint_velocity: [rad/s] or [m/s]
-        joint_acceleration: [rad/s^2] or [m/s^2]
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    joint_acceleration: Float
+    joint_position: Annotated[Float, "[rad] or [m]"]
+    joint_velocity: Annotated[Float, "[rad/s] or [m/s]"]
+    joint_acceleration: Annotated[Float, "[rad/s^2] or [m/s^2]"]
 
 
 class SampledPath(Protocol):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Annotated
 
 import numpy as np
@@ -26,20 +26,15 @@ SPEEDS = np.array([10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 70, 80, 90, 100])
 ACCELERATIONS = np.array([5, 10, 20, 30, 45, 65, 100]) / 100  # [-]
 
 
-@dataclass(frozen=True)
 class Candidates(ArrayRecord):
-    """Moves, each with its way of being made, shape (P,) each.
-
-    Attributes:
-        speed: Share of the speed limits. [-]
-        acceleration: Share of the acceleration limits. [-]
-        law: Time law of its own, -1 for none; left out: none at all.
-    """
+    """Moves, each with its way of being made, shape (P,) each."""
 
     move: Int
-    speed: Float
-    acceleration: Float
-    law: Int = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    speed: Annotated[Float, "Share of the speed limits. [-]"]
+    acceleration: Annotated[Float, "Share of the acceleration limits. [-]"]
+    law: Annotated[Int, "Time law of its own, -1 for none; left out: none at all."] = field(
+        default_factory=lambda: np.zeros(0, dtype=np.int64)
+    )
 
     def __post_init__(self) -> None:
         if len(self.law) != len(self.move):

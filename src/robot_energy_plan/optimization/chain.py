@@ -8,7 +8,7 @@ as given back: the rest after it or the next move uses it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -28,27 +28,20 @@ TORQUE_SHARE = 0.95
 """Of the torque limits that a changed move may use: friction is not known exactly. [-]"""
 
 
-@dataclass(frozen=True)
 class Use(ArrayRecord):
-    """What candidates or rests need; the mean over the temperatures, of P candidates.
+    """What candidates or rests need; the mean over the temperatures, of P candidates."""
 
-    Attributes:
-        duration: Shape (P,). [s]
-        energy: From the grid, shape (P,). [J]
-        peak: Greatest power from the grid at any temperature, shape (P,). [W]
-        brake: Energy into the brake resistor, shape (P,). [J]
-        columns: Change of the energy with the error of each figure, shape (P, K). [J]
-        torque_use: Greatest share of a torque limit, shape (P,); 0 without limits. [-]
-        by_temperature: Energy at each temperature, shape (P, T). [J]
-    """
-
-    duration: Float
-    energy: Float
-    peak: Float
-    brake: Float
-    columns: Float
-    torque_use: Float
-    by_temperature: Float
+    duration: Annotated[Float, "Shape (P,). [s]"]
+    energy: Annotated[Float, "From the grid, shape (P,). [J]"]
+    peak: Annotated[Float, "Greatest power from the grid at any temperature, shape (P,). [W]"]
+    brake: Annotated[Float, "Energy into the brake resistor, shape (P,). [J]"]
+    columns: Annotated[
+        Float, "Change of the energy with the error of each figure, shape (P, K). [J]"
+    ]
+    torque_use: Annotated[
+        Float, "Greatest share of a torque limit, shape (P,); 0 without limits. [-]"
+    ]
+    by_temperature: Annotated[Float, "Energy at each temperature, shape (P, T). [J]"]
 
 
 class PowerChain:
