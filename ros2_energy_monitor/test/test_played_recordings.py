@@ -27,7 +27,7 @@ from robot_energy.messages.fields import RECORDING
 from robot_energy.model import load
 from robot_energy.store.account_store import load_account
 from robot_energy_history.files import open_reader
-from ros2_energy_monitor.base.monitor_node import Change, PlayedRecording
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder

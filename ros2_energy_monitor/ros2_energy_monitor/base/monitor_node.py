@@ -6,23 +6,15 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""What every monitor shares: a model, a tick, a report once a second, a life cycle.
-
-A recording must never be added to the registers of a robot: its energy was counted when it was
-recorded, and would be counted again each time it is played. `PlayedRecording` knows one by the
-names of its publishers.
-"""
+"""What every monitor shares: a model, a tick, a report once a second, a life cycle."""
 
 from __future__ import annotations
 
-import time
 from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from enum import Enum, auto
 from functools import partial
-from operator import methodcaller
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from rclpy.clock import Clock
@@ -51,87 +43,9 @@ from ros2_energy_monitor.base.robot_description import AwaitedDescription, Compa
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch
 from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, Reporter, Source, StatusBuilder
-from ros2_energy_monitor.diagnostics.topic_publishers import NOT_YET_KNOWN
 
 P = TypeVar("P", bound=Common)
 ROBOT_DESCRIPTION = "robot_description"
-PLAYERS = ("player", "rosbag2_player")  # nodes: ours, and that of `ros2 bag play`
-PATIENCE = 2.0  # until publishers that cannot be named count as those of a robot [s]
-
-
-class Change(Enum):
-    """What a look at the publishers has shown."""
-
-    NONE = auto()
-    UNKNOWN = auto()
-    """A publisher is new and not named yet: what has arrived must wait."""
-    RECORDING = auto()
-    """A recording begins."""
-    ROBOT = auto()
-    """A robot publishes after a recording had ended; all that waits is its own."""
-    MIXED = auto()
-    """A robot publishes and no player any more; of what waits, some may be of the recording."""
-
-
-class PlayedRecording:
-    """Looks who publishes to some inboxes, whenever a publisher was met or has left.
-
-    After a recording has ended nothing changes until a robot publishes or a recording begins, so
-    that its energies can still be read.
-
-    Attributes:
-        players: Full names of the nodes that play, or have played last; empty for a robot.
-    """
-
-    def __init__(self, inboxes: Sequence[Inbox]) -> None:
-        self.players: tuple[str, ...] = ()
-        self._inboxes, self._ended = inboxes, True
-        self._met = [(0, 0)] * len(inboxes)  # publishers ever matched, and now
-        self._most = self._met  # the greatest of each; a subscription that is renewed falls
-        self._unknown_since: float | None = None
-
-    def look(self) -> Change:
-        """Say what has changed; call it before anything is taken."""
-        met = [*map(methodcaller("met"), self._inboxes)]
-        if met == self._met:
-            return Change.NONE
-        names = self._names([now for _, now in met])
-        if names is None:
-            return Change.UNKNOWN
-        rises = any(ever > most for (ever, _), (most, _) in zip(met, self._most, strict=True))
-        self._met = met
-        self._most = [max(pair) for pair in zip(met, self._most, strict=True)]
-        players = sorted(name for name in names if name.rsplit("/", 1)[-1] in PLAYERS)
-        ended, self._ended = self._ended, not players
-        if players:
-            if self.players and not rises:
-                return Change.NONE
-            self.players = tuple(players)
-            return Change.RECORDING
-        if self.players and names:
-            self.players = ()
-            return Change.ROBOT if ended else Change.MIXED
-        return Change.NONE
-
-    def _names(self, numbers: list[int]) -> set[str] | None:
-        """Publishers by name; None while the graph does not name all that are matched."""
-        names = set[str]()
-        known = True
-        for inbox, number in zip(self._inboxes, numbers, strict=True):
-            found = inbox.topic_publishers
-            found.look(now=True)
-            known &= found.names.total() == number and NOT_YET_KNOWN not in found.names
-            names |= found.names.keys() if number else set()
-        now = time.monotonic()
-        if known:
-            self._unknown_since = None
-            return names
-        if self._unknown_since is None:
-            self._unknown_since = now
-        if now - self._unknown_since < PATIENCE:
-            return None
-        self._unknown_since = None
-        return names
 
 
 class MonitorNode(ManagedNode, Generic[P]):

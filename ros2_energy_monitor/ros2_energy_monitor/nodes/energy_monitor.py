@@ -24,8 +24,8 @@ from ros2_energy_monitor.base.inputs import (
     temperature_ingest,
     temperature_inputs,
 )
-from ros2_energy_monitor.base.monitor_node import Change, PlayedRecording
 from ros2_energy_monitor.base.node_parameters import EnergyParameters
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import friction_publisher, torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of

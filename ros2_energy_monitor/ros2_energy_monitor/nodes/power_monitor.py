@@ -36,8 +36,8 @@ from robot_energy.timeline.blocks import (
 )
 from ros2_energy_monitor.base.account_node import AccountNode
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.monitor_node import Change, PlayedRecording
 from ros2_energy_monitor.base.node_parameters import PowerParameters
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import (
     FRICTION_DEPTH,
     FRICTION_TOPIC,

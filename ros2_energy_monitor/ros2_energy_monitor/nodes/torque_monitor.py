@@ -18,8 +18,9 @@ from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import TorqueStage
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
 from ros2_energy_monitor.base.inputs import joint_state_inboxes
-from ros2_energy_monitor.base.monitor_node import Change, MonitorNode, PlayedRecording
+from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import TorqueParameters
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of

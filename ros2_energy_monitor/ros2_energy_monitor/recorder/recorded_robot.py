@@ -26,7 +26,7 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy_history.readings import FrictionDecoder, ReadingDecoder
 from robot_energy_history.store import HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
-from ros2_energy_monitor.base.monitor_node import Change, PlayedRecording
+from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import CONDITION_TOPIC, REGISTERS_TOPIC, latched, reliable
 from ros2_energy_monitor.recorder.alarm_watch import AlarmWatch, StatusHead
 

@@ -94,8 +94,8 @@ class ThermalState:
         """Go on from an earlier state.
 
         Args:
-            x: Shape (count, 5).
-            covariance: Shape (count, 5, 5).
+            x: Temperatures, and the factor of the heat, shape (count, 5). [degC, -]
+            covariance: Of them, shape (count, 5, 5). [K^2, K, -]
         """
         self.x, self.covariance, self._kept = x, covariance, True
         self.begun[:] = True

@@ -416,3 +416,9 @@ def test_definitions_that_would_fill_the_memory_are_left_out(tmp_path):
     assert problems == 1
     assert memory < 400
     assert duration < 30
+
+
+def test_metadata_need_not_name_the_storage(tmp_path):
+    content = "rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}"
+    (tmp_path / "metadata.yaml").write_text(content)
+    assert read_folder_info(tmp_path).files == ("a.mcap",)

@@ -1,0 +1,100 @@
+# Copyright 2026 Robot energy maintainers
+# Licensed under the Apache License, Version 2.0 (the "License"); you may not use this file except
+# in compliance with the License. You may obtain a copy of the License at
+# http://www.apache.org/licenses/LICENSE-2.0 Unless required by applicable law or agreed to in
+# writing, software distributed under the License is distributed on an "AS IS" BASIS, WITHOUT
+# WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
+# language governing permissions and limitations under the License.
+
+"""Whether what arrives comes from a recording that is played, by the names of its publishers.
+
+A recording must never be added to the registers of a robot: its energy was counted when it was
+recorded, and would be counted again each time it is played.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from enum import Enum, auto
+
+from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.diagnostics.topic_publishers import NOT_YET_KNOWN
+
+PLAYERS = ("player", "rosbag2_player")  # nodes: ours, and that of `ros2 bag play`
+PATIENCE = 2.0  # until publishers that cannot be named count as those of a robot [s]
+
+
+class Change(Enum):
+    """What a look at the publishers has shown."""
+
+    NONE = auto()
+    UNKNOWN = auto()
+    """A publisher is new and not named yet: what has arrived must wait."""
+    RECORDING = auto()
+    """A recording begins."""
+    ROBOT = auto()
+    """A robot publishes after a recording had ended; all that waits is its own."""
+    MIXED = auto()
+    """A robot publishes and no player any more; of what waits, some may be of the recording."""
+
+
+class PlayedRecording:
+    """Looks who publishes to some inboxes, whenever a publisher was met or has left.
+
+    After a recording has ended nothing changes until a robot publishes or a recording begins, so
+    that its energies can still be read.
+
+    Attributes:
+        players: Full names of the nodes that play, or have played last; empty for a robot.
+    """
+
+    def __init__(self, inboxes: Sequence[Inbox]) -> None:
+        self.players: tuple[str, ...] = ()
+        self._inboxes, self._ended = inboxes, True
+        self._met = [(0, 0)] * len(inboxes)  # publishers ever matched, and now
+        self._most = self._met  # the greatest of each; a subscription that is renewed falls
+        self._unknown_since: float | None = None
+
+    def look(self) -> Change:
+        """Say what has changed; call it before anything is taken."""
+        met = [inbox.met() for inbox in self._inboxes]
+        if met == self._met:
+            return Change.NONE
+        names = self._names([now for _, now in met])
+        if names is None:
+            return Change.UNKNOWN
+        rises = any(ever > most for (ever, _), (most, _) in zip(met, self._most, strict=True))
+        self._met = met
+        self._most = [max(pair) for pair in zip(met, self._most, strict=True)]
+        players = sorted(name for name in names if name.rsplit("/", 1)[-1] in PLAYERS)
+        ended, self._ended = self._ended, not players
+        if players:
+            if self.players and not rises:
+                return Change.NONE
+            self.players = tuple(players)
+            return Change.RECORDING
+        if self.players and names:
+            self.players = ()
+            return Change.ROBOT if ended else Change.MIXED
+        return Change.NONE
+
+    def _names(self, numbers: list[int]) -> set[str] | None:
+        """Publishers by name; None while the graph does not name all that are matched."""
+        names = set[str]()
+        known = True
+        for inbox, number in zip(self._inboxes, numbers, strict=True):
+            found = inbox.topic_publishers
+            found.look(now=True)
+            known &= found.names.total() == number and NOT_YET_KNOWN not in found.names
+            names |= found.names.keys() if number else set()
+        now = time.monotonic()
+        if known:
+            self._unknown_since = None
+            return names
+        if self._unknown_since is None:
+            self._unknown_since = now
+        if now - self._unknown_since < PATIENCE:
+            return None
+        self._unknown_since = None
+        return names
