@@ -94,8 +94,8 @@ class ThermalState:
         """Go on from an earlier state.
 
         Args:
-            x: Shape (count, 5).
-            covariance: Shape (count, 5, 5).
+            x: Temperatures [degC] and the factor on the heat [-], shape (count, 5).
+            covariance: Their covariance, shape (count, 5, 5). [K^2]
         """
         self.x, self.covariance, self._kept = x, covariance, True
         self.begun[:] = True
