@@ -122,7 +122,7 @@ def test_every_number_has_a_unit_and_a_range(name):
         if entry.kind is float:
             assert "[" in entry.description, entry.name
         if entry.kind in (int, float):
-            assert entry.low < entry.high, entry.name
+            assert entry.bounds[0] < entry.bounds[1], entry.name
 
 
 @pytest.mark.parametrize("name", NODES)

@@ -94,7 +94,7 @@ def _evaluated(
 
 def _of_logs(args: Namespace, model: str) -> EvaluationReport:
     from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-    from robot_energy_identify.data.bags import Bag
+    from robot_energy_identify.provenance import sha256_of
     from robot_energy_logs.log_import import import_log
     from robot_energy_logs.mapping import load_mapping
 
@@ -110,7 +110,7 @@ def _of_logs(args: Namespace, model: str) -> EvaluationReport:
             for number, log in enumerate(args.log)
         ]
         report = _evaluated(args, bags, model, meaning)
-    hashes = [Bag(Path(log)).sha256() for log in args.log]
+    hashes = [sha256_of(Path(log)) for log in args.log]
     recordings = [
         replace(one, sha256=sha256) for one, sha256 in zip(report.recordings, hashes, strict=True)
     ]

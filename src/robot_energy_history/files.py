@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.store.envelope import open_regular
+from robot_energy.store.envelope import open_unlinked
 from robot_energy_history.schema import FILE, require_version, version_of
 
 DAMAGED = (sqlite3.Error, UnicodeError)
@@ -34,7 +34,7 @@ def take_lock(folder: Path) -> int:
     """
     if not folder.is_dir():
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    lock = open_regular(folder / "history.lock", os.O_RDWR | os.O_CREAT, 0o600)
+    lock = open_unlinked(folder / "history.lock", os.O_RDWR | os.O_CREAT, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

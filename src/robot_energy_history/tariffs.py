@@ -19,7 +19,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
-from robot_energy.store.envelope import open_regular, read_regular
+from robot_energy.store.envelope import open_unlinked, read_regular
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
@@ -245,7 +245,7 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
     path = folder / FILE
     lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()
     try:
-        file = open_regular(path, os.O_RDWR | os.O_CREAT, 0o600)
+        file = open_unlinked(path, os.O_RDWR | os.O_CREAT, 0o600)
         try:
             fcntl.flock(file, fcntl.LOCK_EX)
             content = read_regular(path, MAX_BYTES) or b""

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.shown_text import shown
 from robot_energy.timeline.blocks import Float, Int
 
@@ -25,31 +26,28 @@ PER_SECOND = {"ms": 10**3, "us": 10**6, "ns": 10**9}
 MAX_CELL = 40  # characters of a cell that are shown
 
 
-@dataclass(frozen=True)
-class TableRows:
-    """Rows of a table as numbers.
+class TableRows(Described):
+    """Rows of a table as numbers."""
 
-    Attributes:
-        line: Line of a text, or row of another file, where each stands, shape (N,).
-        values: Of the columns asked for, NaN where a cell is empty, shape (N, K).
-        width: How many cells a row has, one too many for all that are too many, shape (N,).
-        whole: Whether a row has as many cells as there are columns, shape (N,).
-        numeric: Whether no cell asked for holds anything but a number, shape (N,).
-        cells: The columns of the values as they stand in the file; their names are those of
-            the columns.
-        texts: Further columns as they stand in the file, such as the time.
-        repeated: Lines that repeat the header, before or among the rows.
-    """
-
-    line: Int
-    values: Float
-    width: Int
-    whole: Mask
-    numeric: Mask
-    cells: tuple[pl.Series, ...] = ()
-    texts: tuple[pl.Series, ...] = ()
+    line: Annotated[Int, "Line of a text, or row of another file, where each stands, shape (N,)."]
+    values: Annotated[Float, "Of the columns asked for, NaN where a cell is empty, shape (N, K)."]
+    width: Annotated[
+        Int, "How many cells a row has, one too many for all that are too many, shape (N,)."
+    ]
+    whole: Annotated[Mask, "Whether a row has as many cells as there are columns, shape (N,)."]
+    numeric: Annotated[Mask, "Whether no cell asked for holds anything but a number, shape (N,)."]
+    cells: Annotated[
+        tuple[pl.Series, ...],
+        "The columns of the values as they stand in the file; their names are those of the "
+        "columns.",
+    ] = ()
+    texts: Annotated[
+        tuple[pl.Series, ...], "Further columns as they stand in the file, such as the time."
+    ] = ()
     decimal: str = "."
-    repeated: tuple[int, ...] = ()
+    repeated: Annotated[
+        tuple[int, ...], "Lines that repeat the header, before or among the rows."
+    ] = ()
 
     def __len__(self) -> int:
         return len(self.line)

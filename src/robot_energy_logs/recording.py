@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.bag.cdr import Encoder, stamp_columns
 from robot_energy.bag.writer import DEFAULT_QOS
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.inputs.meter.kinds import POWER_READING
@@ -68,27 +69,24 @@ class LogBlock(Block):
     run: Int | None = None
 
 
-@dataclass(frozen=True)
-class RecordingContents:
-    """What the bag of a log holds next to positions.
+class RecordingContents(Described):
+    """What the bag of a log holds next to positions."""
 
-    Attributes:
-        joint_names: Joints, in the order of the arrays.
-        meaning: What a meter reading stands for; UNKNOWN: there is no meter.
-        interval: Length of a mean's interval; NaN for other meanings. [s]
-        drive_power: Whether it has the electrical power of each drive.
-        payload_link: Link that carries the payload; empty where the log says nothing of it.
-    """
-
-    joint_names: tuple[str, ...]
+    joint_names: Annotated[tuple[str, ...], "Joints, in the order of the arrays."]
     velocity: bool
     effort: bool
     temperatures: bool
-    meaning: MeterMeaning = MeterMeaning.UNKNOWN
+    meaning: Annotated[
+        MeterMeaning, "What a meter reading stands for; UNKNOWN: there is no meter."
+    ] = MeterMeaning.UNKNOWN
     location: MeterLocation = MeterLocation.UNKNOWN
-    interval: float = float("nan")
-    drive_power: bool = False
-    payload_link: str = ""
+    interval: Annotated[float, "Length of a mean's interval; NaN for other meanings. [s]"] = float(
+        "nan"
+    )
+    drive_power: Annotated[bool, "Whether it has the electrical power of each drive."] = False
+    payload_link: Annotated[
+        str, "Link that carries the payload; empty where the log says nothing of it."
+    ] = ""
 
 
 @dataclass

@@ -5,10 +5,11 @@ Truth of the rig throughout: no model and no meter takes part.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import FIRST_SEED, SEED_STEP, allowed
@@ -28,19 +29,12 @@ FLOWS = (
 ELECTRICAL = ("iron_loss", "copper_loss", "inverter_loss", "rectifier_loss")
 
 
-@dataclass(frozen=True)
-class Holding:
-    """Grid power at rest over poses, drives on.
+class Holding(Described):
+    """Grid power at rest over poses, drives on."""
 
-    Attributes:
-        mean: Over random poses. [W]
-        least: [W]
-        greatest: [W]
-    """
-
-    mean: float
-    least: float
-    greatest: float
+    mean: Annotated[float, "Over random poses. [W]"]
+    least: Annotated[float, "[W]"]
+    greatest: Annotated[float, "[W]"]
     poses: int
 
     @classmethod
@@ -58,22 +52,19 @@ class Holding:
         return max(self.greatest - self.mean, self.mean - self.least) / self.mean
 
 
-@dataclass(frozen=True)
-class Calibration:
-    """The plant in figures.
+class Calibration(Described):
+    """The plant in figures."""
 
-    Attributes:
-        mean_power: Mean power by random program and start temperature, shape (programs, K). [W]
-        peak_power: The same, greatest power. [W]
-        start_degc: The start temperatures, shape (K,). [degC]
-        flows: Mean power of every flow during the first program, by temperature. [W]
-    """
-
-    mean_power: Float
-    peak_power: Float
-    start_degc: Float
+    mean_power: Annotated[
+        Float, "Mean power by random program and start temperature, shape (programs, K). [W]"
+    ]
+    peak_power: Annotated[Float, "The same, greatest power. [W]"]
+    start_degc: Annotated[Float, "The start temperatures, shape (K,). [degC]"]
     holding: Holding
-    flows: dict[float, dict[str, float]]
+    flows: Annotated[
+        dict[float, dict[str, float]],
+        "Mean power of every flow during the first program, by temperature. [W]",
+    ]
 
     def ratio(self, cold: float, hot: float) -> Float:
         """Return the energy at one temperature over that at another, shape (programs,). [-]

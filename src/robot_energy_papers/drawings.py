@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ShapeError
 from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import COLOURS, SERIES, Axes, Target, canvas, named_ticks, panels
@@ -29,37 +30,25 @@ LOOKS: dict[Role, dict[str, Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class ModelEnergyCurve:
-    """Energy of one model over robot temperature.
-
-    Attributes:
-        energy: Relative to the measured energy at the reference, shape (K,). [-]
-        error: Relative to the measured energy of the same set, shape (K,). [-]
-    """
+class ModelEnergyCurve(Described):
+    """Energy of one model over robot temperature."""
 
     label: str
     role: Role
-    energy: Float
-    error: Float
+    energy: Annotated[Float, "Relative to the measured energy at the reference, shape (K,). [-]"]
+    error: Annotated[Float, "Relative to the measured energy of the same set, shape (K,). [-]"]
 
 
-@dataclass(frozen=True)
-class EnergyStudy:
-    """Measured and predicted energy of the same motions over robot temperature.
+class EnergyStudy(Described):
+    """Measured and predicted energy of the same motions over robot temperature."""
 
-    Attributes:
-        robot_degc: Temperature of each set, shape (K,). [degC]
-        measured: Relative to the reference, shape (K,). [-]
-        cooling: Which sets were recorded while the robot cooled, shape (K,).
-        reference_degc: Where the measured energy is 1. [degC]
-    """
-
-    robot_degc: Float
-    measured: Float
-    cooling: Sequence[bool]
+    robot_degc: Annotated[Float, "Temperature of each set, shape (K,). [degC]"]
+    measured: Annotated[Float, "Relative to the reference, shape (K,). [-]"]
+    cooling: Annotated[
+        Sequence[bool], "Which sets were recorded while the robot cooled, shape (K,)."
+    ]
     curves: Sequence[ModelEnergyCurve]
-    reference_degc: float
+    reference_degc: Annotated[float, "Where the measured energy is 1. [degC]"]
 
 
 def energy_over_temperature(
@@ -145,21 +134,16 @@ def _curve(
         )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class FigureLine:
-    """One curve over time.
-
-    Attributes:
-        time: Shape (N,) [s], or what else the figure is drawn over. [m]
-        values: Shape (N,), in the unit of the figure.
-        width: Width of the line; a wide one below a thin one shows where they part. [pt]
-    """
+class FigureLine(Described):
+    """One curve over time."""
 
     label: str
-    time: Float
-    values: Float
+    time: Annotated[Float, "Shape (N,) [s], or what else the figure is drawn over. [m]"]
+    values: Annotated[Float, "Shape (N,), in the unit of the figure."]
     colour: str
-    width: float = 1.0
+    width: Annotated[
+        float, "Width of the line; a wide one below a thin one shows where they part. [pt]"
+    ] = 1.0
 
 
 def by_column(names: Sequence[str], lines: Sequence[FigureLine]) -> dict[str, list[FigureLine]]:

@@ -9,10 +9,11 @@ monitor runs them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap, LossMap
 from robot_energy.physics.drive import Drive, EfficiencyMaps, LossMaps, LossModel
@@ -48,62 +49,40 @@ PAPER: dict[Way, float] = {"none": 0.386, "constant": 0.435, "written": 0.903}
 SMALLEST = 1e-3  # efficiency of a model file; what a smaller one gives is a peak
 
 
-@dataclass(frozen=True)
-class WayResult:
-    """One way on one run.
+class WayResult(Described):
+    """One way on one run."""
 
-    Attributes:
-        power: Predicted input of each drive, shape (N, n). [W]
-        energy: Energy of each drive, shape (n,). [J]
-        accuracy: Accuracy of the energy of all drives, 1 - |E - E_measured| / E_measured. [-]
-        joint: The same of each drive, shape (n,). [-]
-        rms: Error of the power of a drive, over all drives. [W]
-    """
-
-    power: Float
-    energy: Float
-    accuracy: float
-    joint: Float
-    rms: float
+    power: Annotated[Float, "Predicted input of each drive, shape (N, n). [W]"]
+    energy: Annotated[Float, "Energy of each drive, shape (n,). [J]"]
+    accuracy: Annotated[
+        float, "Accuracy of the energy of all drives, 1 - |E - E_measured| / E_measured. [-]"
+    ]
+    joint: Annotated[Float, "The same of each drive, shape (n,). [-]"]
+    rms: Annotated[float, "Error of the power of a drive, over all drives. [W]"]
 
 
-@dataclass(frozen=True)
-class DriveTest:
-    """All ways on one run.
-
-    Attributes:
-        time: Shape (N,). [s]
-        measured: Input of each drive, shape (N, n). [W]
-        shaft: Measured torque times speed, shape (N, n). [W]
-        energy: Measured, of each drive, shape (n,). [J]
-        efficiency: Shaft over input, energies of all drives. [-]
-        joint_efficiency: The same of each drive, shape (n,). [-]
-        outside: Share of the samples further from all points of a map than its reach. [-]
-    """
+class DriveTest(Described):
+    """All ways on one run."""
 
     name: str
-    time: Float
-    measured: Float
-    shaft: Float
-    energy: Float
-    efficiency: float
-    joint_efficiency: Float
-    outside: float
+    time: Annotated[Float, "Shape (N,). [s]"]
+    measured: Annotated[Float, "Input of each drive, shape (N, n). [W]"]
+    shaft: Annotated[Float, "Measured torque times speed, shape (N, n). [W]"]
+    energy: Annotated[Float, "Measured, of each drive, shape (n,). [J]"]
+    efficiency: Annotated[float, "Shaft over input, energies of all drives. [-]"]
+    joint_efficiency: Annotated[Float, "The same of each drive, shape (n,). [-]"]
+    outside: Annotated[
+        float, "Share of the samples further from all points of a map than its reach. [-]"
+    ]
     ways: dict[Way, WayResult]
 
 
-@dataclass(frozen=True)
-class StudiedDrives:
-    """What was identified of the drives from excitation runs.
-
-    Attributes:
-        written: Maps as the paper writes them, one per joint.
-        loss_maps: One per joint.
-    """
+class StudiedDrives(Described):
+    """What was identified of the drives from excitation runs."""
 
     fit: DrivesFit
-    written: tuple[EfficiencyMap, ...]
-    loss_maps: tuple[LossMap, ...]
+    written: Annotated[tuple[EfficiencyMap, ...], "Maps as the paper writes them, one per joint."]
+    loss_maps: Annotated[tuple[LossMap, ...], "One per joint."]
 
 
 def identify_drives(
@@ -175,24 +154,18 @@ def tested(runs: Mapping[str, PrintRun], drives: StudiedDrives) -> dict[str, Dri
 def _test(
     name: str, run: PrintRun, drives: Mapping[Way, Drive], constant: float, cutoff: float
 ) -> DriveTest:
-    rows = run.rows
-    power = run.recording.power
-    shaft, velocity = run.shaft_predicted, power.motor_velocity[rows]
-    given = shaft, velocity, power.motor_torque[rows], power.motor_temperature_degc[rows]
-    mapped, outside = drives["map"].input_power(*given)
-    losses, _ = drives["losses"].input_power(*given)
-    loss_map, _ = drives["loss_map"].input_power(*given)
-    written, _ = drives["written"].input_power(*given)
+    shaft, block = run.shaft_predicted, run.recording.power[run.rows]
+    given = shaft, block.motor_velocity, block.motor_torque, block.motor_temperature_degc
+    found = {way: drive.input_power(*given) for way, drive in drives.items()}
+    power, outside = {way: one for way, (one, _) in found.items()}, found["map"][1]
     period = float(np.median(run.duration))
     by_way: dict[Way, Float] = {
         "none": shaft,
         "constant": at_efficiency(shaft, CONSTANT_EFFICIENCY),
         "constant_fitted": at_efficiency(shaft, constant),
-        "written": _second_stage(written, period, cutoff),
-        "map": mapped,
-        "map_processed": _second_stage(mapped, period, cutoff),
-        "losses": losses,
-        "loss_map": loss_map,
+        **power,
+        "written": _second_stage(power["written"], period, cutoff),
+        "map_processed": _second_stage(power["map"], period, cutoff),
     }
     measured, duration = run.electrical, run.duration
     energy = duration @ measured
@@ -206,7 +179,7 @@ def _test(
         float(done.sum() / energy.sum()),
         done / energy,
         0.0 if outside is None else float(outside.mean()),
-        {way: _result(power, measured, duration) for way, power in by_way.items()},
+        {way: _result(by_way[way], measured, duration) for way in WAY_NAMES},
     )
 
 

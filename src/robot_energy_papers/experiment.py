@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from collections.abc import Sequence as Row
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_plan.motion import (
     JointMotion,
@@ -44,34 +45,22 @@ SEED_STEP = 1000  # between the seeds of two studies
 FIRST_SEED = 11
 
 
-@dataclass(frozen=True)
-class Programs:
-    """What the robot does; all begin and end in the same pose.
-
-    Attributes:
-        test: Another set, which no fit ever sees.
-    """
+class Programs(Described):
+    """What the robot does; all begin and end in the same pose."""
 
     train: Program
-    test: Program
+    test: Annotated[Program, "Another set, which no fit ever sees."]
     hold: Program
     train_warm_up: Program
     test_warm_up: Program
 
 
-@dataclass(frozen=True)
-class MotionSet:
-    """One recorded set.
+class MotionSet(Described):
+    """One recorded set."""
 
-    Attributes:
-        recording: The bag, and what was true in it.
-        time: Times of its start, since the start of the experiment. [s]
-        way: How its temperature was reached: ``heating``, ``cooling`` or ``soaked``.
-    """
-
-    recording: RigRecording
-    time: float
-    way: str
+    recording: Annotated[RigRecording, "The bag, and what was true in it."]
+    time: Annotated[float, "Times of its start, since the start of the experiment. [s]"]
+    way: Annotated[str, "How its temperature was reached: ``heating``, ``cooling`` or ``soaked``."]
 
     @property
     def path(self) -> Path:
@@ -91,24 +80,21 @@ class MotionSet:
         return float((recording.motor_temperature_degc - recording.gear_temperature_degc).mean())
 
 
-@dataclass(frozen=True)
-class Plan:
-    """An experiment by motion.
-
-    Attributes:
-        record_at: Mean motor temperatures, rising, from which on a set is recorded. [degC]
-        cool_cycles: Sets after that, each behind a rest.
-        cool_at: Mean motor temperatures, falling, at which such a set is recorded. [degC]
-        start_degc: Temperature of motors and gears. [degC]
-        ambient_degc: [degC]
-    """
+class Plan(Described):
+    """An experiment by motion."""
 
     cycles: int
-    record_at: tuple[float, ...]
-    cool_cycles: int = 0
-    cool_at: tuple[float, ...] = ()
-    start_degc: float = 20.0
-    ambient_degc: float = 20.0
+    record_at: Annotated[
+        tuple[float, ...],
+        "Mean motor temperatures, rising, from which on a set is recorded. [degC]",
+    ]
+    cool_cycles: Annotated[int, "Sets after that, each behind a rest."] = 0
+    cool_at: Annotated[
+        tuple[float, ...],
+        "Mean motor temperatures, falling, at which such a set is recorded. [degC]",
+    ] = ()
+    start_degc: Annotated[float, "Temperature of motors and gears. [degC]"] = 20.0
+    ambient_degc: Annotated[float, "[degC]"] = 20.0
 
 
 def allowed(profile: PlantProfile) -> tuple[MotionLimits, Callable[[Float], bool]]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import replay
@@ -16,36 +17,25 @@ from robot_energy_identify.data.recordings import read_recording
 from robot_energy_papers.experiment import MotionSet
 
 
-@dataclass(frozen=True)
-class SetRow:
-    """One set.
-
-    Attributes:
-        robot_degc: Mean over the motors of their mean temperature in the set. [degC]
-        coldest_degc: The coldest motor. [degC]
-        warmest_degc: The warmest motor. [degC]
-        rise: Rise of temperature of the motor that warmed most in the set. [K]
-        lag: Mean motor minus gear temperature, truth. [K]
-        measured_energy: By the meter, over the compared time. [J]
-        compared: That time. [s]
-        peak_power: Truth. [W]
-        predicted: Energy over the same time, by model. [J]
-        extrapolated: Share of the samples in which a friction law was used outside
-            its fitted range. [-]
-    """
+class SetRow(Described):
+    """One set."""
 
     bag: str
     way: str
-    robot_degc: float
-    coldest_degc: float
-    warmest_degc: float
-    rise: float
-    lag: float
-    measured_energy: float
-    compared: float
-    peak_power: float
-    predicted: dict[str, float]
-    extrapolated: float
+    robot_degc: Annotated[
+        float, "Mean over the motors of their mean temperature in the set. [degC]"
+    ]
+    coldest_degc: Annotated[float, "The coldest motor. [degC]"]
+    warmest_degc: Annotated[float, "The warmest motor. [degC]"]
+    rise: Annotated[float, "Rise of temperature of the motor that warmed most in the set. [K]"]
+    lag: Annotated[float, "Mean motor minus gear temperature, truth. [K]"]
+    measured_energy: Annotated[float, "By the meter, over the compared time. [J]"]
+    compared: Annotated[float, "That time. [s]"]
+    peak_power: Annotated[float, "Truth. [W]"]
+    predicted: Annotated[dict[str, float], "Energy over the same time, by model. [J]"]
+    extrapolated: Annotated[
+        float, "Share of the samples in which a friction law was used outside its fitted range. [-]"
+    ]
 
     @property
     def mean_power(self) -> float:

@@ -8,28 +8,22 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
 from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 
 Progress = Callable[[float], None]
 
 
-@dataclass(frozen=True)
-class StudyRun:
-    """How a study runs; its figures depend on the seed alone.
+class StudyRun(Described):
+    """How a study runs; its figures depend on the seed alone."""
 
-    Attributes:
-        folder: For the bags that are kept; it exists.
-        workers: Processes in addition to this one; 1 means to do all of it here.
-    """
-
-    folder: Path
+    folder: Annotated[Path, "For the bags that are kept; it exists."]
     seed: int
-    workers: int = 1
+    workers: Annotated[int, "Processes in addition to this one; 1 means to do all of it here."] = 1
     progress: Progress | None = None
 
 

@@ -7,12 +7,12 @@ One layer is played on the virtual rigs as well, whose friction and losses are o
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
@@ -41,13 +41,8 @@ PARTS = {
 """Where the energy goes, as the models have it; what is lifted comes back."""
 
 
-@dataclass(frozen=True)
-class Machine:
-    """A machine and how it stands to the wall.
-
-    Attributes:
-        paper: Energy over that of the arm minus 1, from paper B; None for the arm. [-]
-    """
+class Machine(Described):
+    """A machine and how it stands to the wall."""
 
     name: str
     model: str
@@ -55,7 +50,9 @@ class Machine:
     start: tuple[float, ...]
     placement: ToolPlacement
     options: dict[str, Any]
-    paper: float | None
+    paper: Annotated[
+        float | None, "Energy over that of the arm minus 1, from paper B; None for the arm. [-]"
+    ]
 
 
 # The wall is 1.2 m along x and 0.3 m along y of the program. Arms stand before its long side.
@@ -113,25 +110,17 @@ def layer(key: str) -> tuple[tuple[Float, Trajectory], ...]:
     return tuple(wall_motion(MACHINES[key]).blocks())
 
 
-@dataclass(frozen=True)
-class Energies:
-    """Energy of one machine for one motion, motor side unless stated. [J]
+class Energies(Described):
+    """Energy of one machine for one motion, motor side unless stated. [J]"""
 
-    Attributes:
-        duration: [s]
-        net: Energy of each joint's shaft, braking negative, shape (n,).
-        positive: Energy of each joint's shaft while it drives, shape (n,).
-        absolute: Magnitude of each joint's shaft power, shape (n,).
-        electrical: Into each drive, braking negative, shape (n,).
-        parts: By the keys of `PARTS`, all joints together; empty for a rig.
-    """
-
-    duration: float
-    net: Float
-    positive: Float
-    absolute: Float
-    electrical: Float
-    parts: dict[str, float]
+    duration: Annotated[float, "[s]"]
+    net: Annotated[Float, "Energy of each joint's shaft, braking negative, shape (n,)."]
+    positive: Annotated[Float, "Energy of each joint's shaft while it drives, shape (n,)."]
+    absolute: Annotated[Float, "Magnitude of each joint's shaft power, shape (n,)."]
+    electrical: Annotated[Float, "Into each drive, braking negative, shape (n,)."]
+    parts: Annotated[
+        dict[str, float], "By the keys of `PARTS`, all joints together; empty for a rig."
+    ]
     cabinet: float
 
     def __add__(self, other: Energies) -> Energies:
@@ -156,23 +145,14 @@ class Energies:
         }
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Power of one machine over one layer, all joints together.
+class Curve(Described):
+    """Power of one machine over one layer, all joints together."""
 
-    Attributes:
-        time: Shape (N,). [s]
-        net: Energy of the shafts, shape (N,). [W]
-        positive: Energy of the shafts that drive, shape (N,). [W]
-        electrical: Energy of the drives, shape (N,). [W]
-        joint_position: Shape (N, n). [rad] or [m]
-    """
-
-    time: Float
-    net: Float
-    positive: Float
-    electrical: Float
-    joint_position: Float
+    time: Annotated[Float, "Shape (N,). [s]"]
+    net: Annotated[Float, "Energy of the shafts, shape (N,). [W]"]
+    positive: Annotated[Float, "Energy of the shafts that drive, shape (N,). [W]"]
+    electrical: Annotated[Float, "Energy of the drives, shape (N,). [W]"]
+    joint_position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
 
 
 def predicted(
@@ -201,7 +181,7 @@ def predicted(
     power = PowerBlock.concatenate(powers)
     shaft = power.rigid_power + power.friction_power
     electrical = shaft + power.drive_loss
-    loss = _integral(_Parts(model).of(position, power), time)
+    loss = _integral(_losses(model, position, power), time)
     friction = float(_integral(power.friction_power.sum(axis=1), time))
     parts = dict(zip(PARTS, [friction, *loss.tolist()], strict=True))
     constant = power.loss_dc + power.loss_grid
@@ -226,27 +206,18 @@ def played(
     return _found(time, smooth.duration, shaft, electrical, {}, constant, truth.joint_position)
 
 
-class _Parts:
-    """Splits the drive loss of a model; the copper loss of holding still is that of gravity."""
-
-    def __init__(self, model: RobotModel) -> None:
-        self._robot = Robot.from_model(model)
-        self._drivetrain = Drivetrain.from_model(model)
-        losses = [joint.losses for joint in model.joints if joint.losses is not None]
-        warm = [1.0 + e.copper_temperature_coefficient.value * (MOTOR_DEGC - 20.0) for e in losses]
-        self._copper = np.array([e.copper.value for e in losses]) * warm
-        self._amplifier = np.array([entry.constant.value for entry in losses])
-
-    def of(self, joint_position: Float, power: PowerBlock) -> Float:
-        """Holding, other copper, iron and amplifier loss, shape (N, 4). [W]"""
-        still = np.zeros_like(joint_position)
-        weight = self._robot.joint_torque(joint_position, still, still)
-        holding = self._copper * self._drivetrain.motor_torque_from_joint(weight) ** 2
-        copper = self._copper * power.motor_torque**2
-        amplifier = np.broadcast_to(self._amplifier, copper.shape)
-        iron = power.drive_loss - copper - amplifier
-        parts = holding, copper - holding, iron, amplifier
-        return np.stack([part.sum(axis=1) for part in parts], axis=1)
+def _losses(model: RobotModel, joint_position: Float, power: PowerBlock) -> Float:
+    """Copper loss of gravity, other copper, iron and amplifier loss, shape (N, 4). [W]"""
+    losses = [joint.losses for joint in model.joints if joint.losses is not None]
+    warm = [1.0 + e.copper_temperature_coefficient.value * (MOTOR_DEGC - 20.0) for e in losses]
+    per_torque = np.array([e.copper.value for e in losses]) * warm
+    still = np.zeros_like(joint_position)
+    weight = Robot.from_model(model).joint_torque(joint_position, still, still)
+    holding = per_torque * Drivetrain.from_model(model).motor_torque_from_joint(weight) ** 2
+    copper = per_torque * power.motor_torque**2
+    amplifier = np.broadcast_to([entry.constant.value for entry in losses], copper.shape)
+    parts = holding, copper - holding, power.drive_loss - copper - amplifier, amplifier
+    return np.stack([part.sum(axis=1) for part in parts], axis=1)
 
 
 def _found(

@@ -7,13 +7,13 @@ read back by the stages of the monitor.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float
@@ -40,17 +40,12 @@ START_DEGC = 25.0
 SIGN_VELOCITY = 2e-3  # rad/s of the smooth sign; paper B has a plain one, joints print at 0.05
 
 
-@dataclass(frozen=True)
-class PrintRun:
-    """One recorded motion, read back with one model.
-
-    Attributes:
-        begin: First instant of the motion itself. [ns]
-    """
+class PrintRun(Described):
+    """One recorded motion, read back with one model."""
 
     recording: Recording
     power: MeasuredDrivePower
-    begin: int
+    begin: Annotated[int, "First instant of the motion itself. [ns]"]
     end: int
 
     @property

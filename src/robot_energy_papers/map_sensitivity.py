@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,7 +34,6 @@ from robot_energy_rig import RigConfig, load_profile
 WRITTEN, MAPS = STAGES = "maps as written in the paper", "our maps"
 ROUGH = 0.02  # of the values that are sought: maps are made of noisy samples
 RUN = "wall"
-PLANT = ("resistance", "friction", "torque_noise")
 IN_BOTH_FORMS = ("held", "cutoff")
 HELD = OpenFigure(
     "held", "joint 1 (0: moves, 1: held)", "", 0.0, 0.0, 1.0,
@@ -55,7 +55,8 @@ FIGURES = (HELD, *open_figures(
      "up to 2 % of the rated torque, usual for current sensors"),
 ))  # fmt: skip
 
-Runs = tuple[list[PrintRun], RobotModel]
+Plant = tuple[float, float, float]
+"""Factors of winding resistance and Coulomb friction [-], and noise of the torque [N m]."""
 
 
 def map_tables(
@@ -70,56 +71,40 @@ def map_tables(
     """
     goals: dict[str, float] = dict.fromkeys(STAGES, PAPER["written"])
     only = IN_BOTH_FORMS if quick else None
+    start, nominal, bags = load("mantis"), load_profile("mantis"), count(1)
     with TemporaryDirectory() as folder:
-        return sensitivity(
-            _Maps(Path(folder), train, seed, rate).accuracy, FIGURES, goals, ROUGH, only
-        )
 
+        def played(
+            motion: JointMotion, duration: float, plant: Plant, model: RobotModel
+        ) -> PrintRun:
+            resistance, friction, noise = plant
+            profile = replace(
+                nominal,
+                resistance=nominal.resistance * resistance,
+                coulomb=nominal.coulomb * friction,
+                stribeck=nominal.stribeck * friction,
+            )
+            sensors = replace(RigConfig().sensors, torque_noise=noise)
+            config, path = RigConfig(sensors=sensors), Path(folder) / f"{next(bags)}"
+            return read_run(recorded(profile, motion, duration, path, seed, config, rate), model)
 
-class _Maps:
-    """Both kinds of maps on the print path, with open figures; what does not change is kept."""
+        @cache
+        def identified(plant: Plant, slow: float) -> tuple[list[PrintRun], RobotModel]:
+            runs = [played(one, one.period, plant, start) for one in (train, slower(train, slow))]
+            dynamics = identify_mechanics(runs, start, "ols")
+            return runs, to_model(dynamics, ["excitation on the virtual rig"])
 
-    def __init__(self, folder: Path, train: FourierMotion, seed: int, rate: float) -> None:
-        self._folder, self._seed, self._rate = folder, seed, rate
-        self._start, self._profile = load("mantis"), load_profile("mantis")
-        self._train = train
-        self._known: dict[object, Runs] = {}
-        self._walls: dict[object, PrintRun] = {}
-        self._bags = 0
+        @cache
+        def printed(plant: Plant, slow: float, held: float) -> PrintRun:
+            wall = Smooth(layer("mantis_held" if held else "mantis_all"))
+            return played(wall, wall.duration, plant, identified(plant, slow)[1])
 
-    def accuracy(self, given: Values) -> Mapping[str, float]:
-        plant = tuple(given[key] for key in PLANT)
-        identified = *plant, given["slow"]
-        if identified not in self._known:
-            runs = [
-                self._read(motion, motion.period, plant, self._start)
-                for motion in (self._train, slower(self._train, given["slow"]))
-            ]
-            dynamics = identify_mechanics(runs, self._start, "ols")
-            self._known[identified] = runs, to_model(dynamics, ["excitation on the virtual rig"])
-        runs, model = self._known[identified]
-        printed = *identified, given["held"]
-        if printed not in self._walls:
-            wall = Smooth(layer("mantis_held" if given["held"] else "mantis_all"))
-            self._walls[printed] = self._read(wall, wall.duration, plant, model)
-        drives = identify_drives(runs, given["cutoff"], round(given["points"]))
-        ways = tested({RUN: self._walls[printed]}, drives)[RUN].ways
-        return {WRITTEN: ways["written"].accuracy, MAPS: ways["map"].accuracy}
+        def accuracy(given: Values) -> dict[str, float]:
+            plant = given["resistance"], given["friction"], given["torque_noise"]
+            runs, _ = identified(plant, given["slow"])
+            drives = identify_drives(runs, given["cutoff"], round(given["points"]))
+            wall = printed(plant, given["slow"], given["held"])
+            ways = tested({RUN: wall}, drives)[RUN].ways
+            return {WRITTEN: ways["written"].accuracy, MAPS: ways["map"].accuracy}
 
-    def _read(
-        self, motion: JointMotion, duration: float, plant: tuple[float, ...], model: RobotModel
-    ) -> PrintRun:
-        resistance, friction, noise = plant
-        profile = replace(
-            self._profile,
-            resistance=self._profile.resistance * resistance,
-            coulomb=self._profile.coulomb * friction,
-            stribeck=self._profile.stribeck * friction,
-        )
-        config = RigConfig()
-        config = replace(config, sensors=replace(config.sensors, torque_noise=noise))
-        self._bags += 1
-        path = self._folder / f"{self._bags}"
-        return read_run(
-            recorded(profile, motion, duration, path, self._seed, config, self._rate), model
-        )
+        return sensitivity(accuracy, FIGURES, goals, ROUGH, only)

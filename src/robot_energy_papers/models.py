@@ -7,11 +7,12 @@ is tested is what comes out here; no shipped figure of friction or losses takes 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
@@ -38,36 +39,30 @@ UNKNOWN = "unknown before identification"
 GUESS = 100.0  # W, constant losses before identification; from 0 no rest would be found
 
 
-@dataclass(frozen=True)
-class SetFriction:
-    """Friction of every axis from one set alone, as in eq. 9, shape (n,) each.
+class SetFriction(Described):
+    """Friction of every axis from one set alone, as in eq. 9, shape (n,) each."""
 
-    Attributes:
-        motor_degc: Mean over the set. [degC]
-        coulomb: Motor side. [N m]
-        viscous: Motor side. [N m s/rad]
-    """
-
-    motor_degc: Float
-    coulomb: Float
-    viscous: Float
+    motor_degc: Annotated[Float, "Mean over the set. [degC]"]
+    coulomb: Annotated[Float, "Motor side. [N m]"]
+    viscous: Annotated[Float, "Motor side. [N m s/rad]"]
 
 
-@dataclass(frozen=True)
-class Identified:
-    """What was identified.
-
-    Attributes:
-        total: Drive losses behind the grid meter; None where the data do not determine them.
-        models: By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.
-        fixed_degc: Mean motor temperature of the set behind each fixed model. [degC]
-    """
+class Identified(Described):
+    """What was identified."""
 
     fits: tuple[FrictionFit, ...]
     cabinet: CabinetFit
-    total: TotalFit | None
-    models: dict[str, RobotModel]
-    fixed_degc: dict[str, float]
+    total: Annotated[
+        TotalFit | None,
+        "Drive losses behind the grid meter; None where the data do not determine them.",
+    ]
+    models: Annotated[
+        dict[str, RobotModel],
+        "By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.",
+    ]
+    fixed_degc: Annotated[
+        dict[str, float], "Mean motor temperature of the set behind each fixed model. [degC]"
+    ]
     sets: tuple[SetFriction, ...]
     notes: tuple[str, ...]
 

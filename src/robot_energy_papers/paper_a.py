@@ -6,12 +6,14 @@ temperature less, by the figures that the paper leaves open.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.model import RobotModel, load
 from robot_energy.timeline.blocks import Float
@@ -170,27 +172,21 @@ def _electrical(profile: PlantProfile, values: Values) -> PlantProfile:
     )
 
 
-@dataclass(frozen=True)
-class PaperAStudySize:
-    """How much of the experiment is done.
-
-    Attributes:
-        train: Experiment by motion for identification; None: soaked rigs.
-        test: Experiment by motion that tests; None: soaked rigs.
-        train_degc: Temperatures of soaked rigs for identification. [degC]
-        test_degc: Temperatures of soaked rigs that test. [degC]
-        effects: Effects of the table; None for all.
-        rigs: Temperatures and length of the experiments behind that table and on those plants.
-    """
+class PaperAStudySize(Described):
+    """How much of the experiment is done."""
 
     moves: int
-    train: Plan | None
-    test: Plan | None
-    train_degc: tuple[float, ...]
-    test_degc: tuple[float, ...]
-    effects: tuple[str, ...] | None
+    train: Annotated[Plan | None, "Experiment by motion for identification; None: soaked rigs."]
+    test: Annotated[Plan | None, "Experiment by motion that tests; None: soaked rigs."]
+    train_degc: Annotated[
+        tuple[float, ...], "Temperatures of soaked rigs for identification. [degC]"
+    ]
+    test_degc: Annotated[tuple[float, ...], "Temperatures of soaked rigs that test. [degC]"]
+    effects: Annotated[tuple[str, ...] | None, "Effects of the table; None for all."]
     plants: int
-    rigs: Rigs
+    rigs: Annotated[
+        Rigs, "Temperatures and length of the experiments behind that table and on those plants."
+    ]
     programs: int
 
 
@@ -223,21 +219,13 @@ QUICK = PaperAStudySize(
 )
 
 
-@dataclass(frozen=True)
-class ShaftCurve:
-    """Shaft power of one axis in one set.
+class ShaftCurve(Described):
+    """Shaft power of one axis in one set."""
 
-    Attributes:
-        robot_degc: Mean over the motors. [degC]
-        motor_degc: Temperature of this axis. [degC]
-        time: Since the start of the set, shape (N,). [s]
-        power: Measured torque times speed, shape (N,). [W]
-    """
-
-    robot_degc: float
-    motor_degc: float
-    time: Float = field(repr=False)
-    power: Float = field(repr=False)
+    robot_degc: Annotated[float, "Mean over the motors. [degC]"]
+    motor_degc: Annotated[float, "Temperature of this axis. [degC]"]
+    time: Annotated[Float, "Since the start of the set, shape (N,). [s]"] = field(repr=False)
+    power: Annotated[Float, "Measured torque times speed, shape (N,). [W]"] = field(repr=False)
 
     @property
     def mean_power(self) -> float:
@@ -245,18 +233,8 @@ class ShaftCurve:
         return float(np.trapezoid(self.power, self.time) / (self.time[-1] - self.time[0]))
 
 
-@dataclass(frozen=True)
-class PaperA:
-    """Everything the study found; all of it from the virtual rig.
-
-    Attributes:
-        rows: Held-out sets with every model, in the order of ``test``.
-        truth: Of every set for identification mean motor temperatures [degC], and the true viscous
-            friction at the gear temperature with the eddy drag of the motor [N m s/rad], shape (n,)
-            each.
-        open: What the HOLD power over poses and the rise of temperature owe to figures that are
-            not published, by quantity.
-    """
+class PaperA(Described):
+    """Everything the study found; all of it from the virtual rig."""
 
     seed: int
     scale: PaperAStudySize
@@ -264,13 +242,22 @@ class PaperA:
     test: list[MotionSet]
     rest: RigRecording
     identified: Identified
-    rows: list[SetRow]
+    rows: Annotated[list[SetRow], "Held-out sets with every model, in the order of ``test``."]
     shaft: list[ShaftCurve]
-    truth: list[tuple[Float, Float]]
+    truth: Annotated[
+        list[tuple[Float, Float]],
+        "Of every set for identification mean motor temperatures [degC], and the true viscous "
+        "friction at the gear temperature with the eddy drag of the motor [N m s/rad], shape (n,) "
+        "each.",
+    ]
     effects: list[EffectRow]
     plants: list[PlantRow]
     calibration: Calibration
-    open: dict[str, SensitivityTable]
+    open: Annotated[
+        dict[str, SensitivityTable],
+        "What the HOLD power over poses and the rise of temperature owe to figures that are not "
+        "published, by quantity.",
+    ]
 
     @property
     def quick(self) -> bool:

@@ -10,10 +10,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.dynamics_model import to_model
@@ -61,21 +62,15 @@ TRAININGS = {BOTH: (FAST, SLOWED), FAST: (FAST,), SLOWED: (SLOWED,)}
 SEED_STEP = 100  # between the seeds of two studies
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """Accuracy by one definition.
+class Accuracy(Described):
+    """Accuracy by one definition."""
 
-    Attributes:
-        joint: Accuracy of each joint, shape (n,). [-]
-        total: Accuracy of the sum of the joints' energies. [-]
-        summed: Accuracy of the energy of the summed power, taken before magnitudes. [-]
-        mean: Mean over the joints. [-]
-    """
-
-    joint: Float
-    total: float
-    summed: float
-    mean: float
+    joint: Annotated[Float, "Accuracy of each joint, shape (n,). [-]"]
+    total: Annotated[float, "Accuracy of the sum of the joints' energies. [-]"]
+    summed: Annotated[
+        float, "Accuracy of the energy of the summed power, taken before magnitudes. [-]"
+    ]
+    mean: Annotated[float, "Mean over the joints. [-]"]
 
 
 def energy(power: Float, duration: Float, definition: Definition) -> Float:
@@ -122,22 +117,16 @@ def _one_accuracy(
     return joint, float(1.0 - abs(error.sum()) / abs(theirs.sum()))
 
 
-@dataclass(frozen=True)
-class PaperBStudySize:
-    """How much is done.
-
-    Attributes:
-        plants: Plants drawn at random for the contest of maps and losses.
-        layers: Simulated layers of the wall, all of it; 0: single layers at `heights` instead.
-        heights: Heights of single layers. [m]
-        rate: Of the joint states of the Mantis. [Hz]
-    """
+class PaperBStudySize(Described):
+    """How much is done."""
 
     iterations: int
-    plants: int
-    layers: int
-    heights: tuple[float, ...]
-    rate: float = RATE
+    plants: Annotated[int, "Plants drawn at random for the contest of maps and losses."]
+    layers: Annotated[
+        int, "Simulated layers of the wall, all of it; 0: single layers at `heights` instead."
+    ]
+    heights: Annotated[tuple[float, ...], "Heights of single layers. [m]"]
+    rate: Annotated[float, "Of the joint states of the Mantis. [Hz]"] = RATE
 
 
 FULL = PaperBStudySize(100, 10, 100, (0.0, 0.25, 0.5, 0.75, 0.99))
@@ -152,40 +141,33 @@ class MechanicalTest:
     accuracy: dict[Definition, Accuracy]
 
 
-@dataclass(frozen=True)
-class Trained:
-    """What was identified from some excitation, and how it predicts what it has not seen.
+class Trained(Described):
+    """What was identified from some excitation, and how it predicts what it has not seen."""
 
-    Attributes:
-        model: The Mantis's model with bodies by ordinary least squares, as in the paper.
-        tests: Tests of the drives, one per run.
-    """
-
-    model: RobotModel
+    model: Annotated[
+        RobotModel, "The Mantis's model with bodies by ordinary least squares, as in the paper."
+    ]
     drives: StudiedDrives
     mechanical: dict[str, MechanicalTest]
-    tests: dict[str, DriveTest]
+    tests: Annotated[dict[str, DriveTest], "Tests of the drives, one per run."]
 
 
-@dataclass(frozen=True)
-class MachineResult:
-    """One machine at the wall.
+class MachineResult(Described):
+    """One machine at the wall."""
 
-    Attributes:
-        layer: One layer at the bottom, predicted by the shipped model.
-        rig: The same layer on the virtual rig.
-        heights: One layer at each of the heights of the scale, predicted.
-        joint_ranges: Least and greatest joint positions in each of these layers, shape (2, n).
-            [rad] or [m]
-        wall: The whole wall: all its layers, or those at several heights as their mean.
-    """
-
-    layer: Energies
+    layer: Annotated[Energies, "One layer at the bottom, predicted by the shipped model."]
     curve: Curve
-    rig: Energies
-    heights: tuple[Energies, ...]
-    joint_ranges: tuple[Float, ...]
-    wall: Energies
+    rig: Annotated[Energies, "The same layer on the virtual rig."]
+    heights: Annotated[
+        tuple[Energies, ...], "One layer at each of the heights of the scale, predicted."
+    ]
+    joint_ranges: Annotated[
+        tuple[Float, ...],
+        "Least and greatest joint positions in each of these layers, shape (2, n). [rad] or [m]",
+    ]
+    wall: Annotated[
+        Energies, "The whole wall: all its layers, or those at several heights as their mean."
+    ]
 
     @property
     def at_heights(self) -> list[float]:
@@ -193,24 +175,24 @@ class MachineResult:
         return [float(energies.electrical.sum()) for energies in self.heights]
 
 
-@dataclass(frozen=True)
-class PaperB:
-    """Everything the studies found.
-
-    Attributes:
-        trained: By the excitation that was identified from, keys of `TRAININGS`.
-        weighted: Accuracy on the validation run of the weighted fit, our default.
-        plants: The wall printed by plants drawn at random, by configuration (`WALL`,
-            `WALL_HELD`) and seed of the plant: drives identified from both excitation runs of that
-            plant.
-    """
+class PaperB(Described):
+    """Everything the studies found."""
 
     seed: int
     scale: PaperBStudySize
-    trained: dict[str, Trained]
-    weighted: dict[Definition, Accuracy]
+    trained: Annotated[
+        dict[str, Trained], "By the excitation that was identified from, keys of `TRAININGS`."
+    ]
+    weighted: Annotated[
+        dict[Definition, Accuracy],
+        "Accuracy on the validation run of the weighted fit, our default.",
+    ]
     machines: dict[str, MachineResult]
-    plants: dict[str, dict[int, DriveTest]]
+    plants: Annotated[
+        dict[str, dict[int, DriveTest]],
+        "The wall printed by plants drawn at random, by configuration (`WALL`, `WALL_HELD`) and "
+        "seed of the plant: drives identified from both excitation runs of that plant.",
+    ]
     gantry: dict[str, SensitivityTable]
     maps: dict[str, SensitivityTable]
 

@@ -15,10 +15,11 @@ rig, and every effect of the rig is on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
@@ -61,18 +62,13 @@ SHARED = (
 """All that a drawn plant and a model have in common."""
 
 
-@dataclass(frozen=True)
-class Rigs:
-    """Temperatures and length of the experiments on soaked rigs.
-
-    Attributes:
-        rate: Of the joint states. [Hz]
-    """
+class Rigs(Described):
+    """Temperatures and length of the experiments on soaked rigs."""
 
     train_degc: tuple[float, ...]
     test_degc: tuple[float, ...]
     moves: int
-    rate: float = RATE
+    rate: Annotated[float, "Of the joint states. [Hz]"] = RATE
 
 
 def soaked_errors(
@@ -114,19 +110,16 @@ def rig_seeds(seed: int) -> tuple[int, int]:
     return 2 * seed + 1, 2 * seed + 2
 
 
-@dataclass(frozen=True)
-class EffectRow:
-    """One rig with some effects.
+class EffectRow(Described):
+    """One rig with some effects."""
 
-    Attributes:
-        name: Name of the rig: ``without x``, ``only x``, or one of the three that frame them.
-        follows: Error of the proposed model at each held-out temperature. [-]
-        fixed: The same of friction fixed at the coldest set. [-]
-    """
-
-    name: str
-    follows: tuple[float, ...]
-    fixed: tuple[float, ...]
+    name: Annotated[
+        str, "Name of the rig: ``without x``, ``only x``, or one of the three that frame them."
+    ]
+    follows: Annotated[
+        tuple[float, ...], "Error of the proposed model at each held-out temperature. [-]"
+    ]
+    fixed: Annotated[tuple[float, ...], "The same of friction fixed at the coldest set. [-]"]
 
     @property
     def mean(self) -> float:
@@ -170,30 +163,22 @@ def effect_row(name: str, config: RigConfig, rigs: Rigs, seed: int) -> EffectRow
     return EffectRow(name, errors[FOLLOWS], errors[fixed])
 
 
-@dataclass(frozen=True)
-class PlantRow:
-    """One plant.
-
-    Attributes:
-        error: Error of the grid energy at each held-out temperature, by model; empty where
-            identification refused. [-]
-        refused: What identification found; empty where it went through.
-    """
+class PlantRow(Described):
+    """One plant."""
 
     plant_seed: int
-    error: dict[str, tuple[float, ...]]
-    refused: str = ""
+    error: Annotated[
+        dict[str, tuple[float, ...]],
+        "Error of the grid energy at each held-out temperature, by model; empty where "
+        "identification refused. [-]",
+    ]
+    refused: Annotated[str, "What identification found; empty where it went through."] = ""
 
 
-@dataclass(frozen=True)
-class ErrorSpread:
-    """Sizes of the errors of one model over all plants and temperatures. [-]
+class ErrorSpread(Described):
+    """Sizes of the errors of one model over all plants and temperatures. [-]"""
 
-    Attributes:
-        median: Half of the errors are at most so large.
-    """
-
-    median: float
+    median: Annotated[float, "Half of the errors are at most so large."]
     ninety: float
     worst: float
     least: float

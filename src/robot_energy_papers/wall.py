@@ -7,8 +7,9 @@ figure of the path is lost, so the outline alone is printed unless an infill is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
@@ -17,27 +18,21 @@ MAX_STROKES = 1000
 FEED_FACTOR = 60.0 / MILLIMETRE  # m/s to mm/min
 
 
-@dataclass(frozen=True)
-class Wall:
+class Wall(Described):
     """A wall printed layer by layer; the tool begins each layer in the corner at the origin.
-
-    Attributes:
-        length: Length of the plan along x. [m]
-        width: Width of the plan along y. [m]
-        layer_height: Rise from layer to layer. [m]
-        speed: Path speed, the rise included. [m/s]
-        infill: Strokes of a zigzag along the wall inside the outline, and as many back; 0 for none.
 
     Raises:
         MotionError: If a figure makes no sense.
     """
 
-    length: float = 1.2
-    width: float = 0.3
-    layer_height: float = 0.01
+    length: Annotated[float, "Length of the plan along x. [m]"] = 1.2
+    width: Annotated[float, "Width of the plan along y. [m]"] = 0.3
+    layer_height: Annotated[float, "Rise from layer to layer. [m]"] = 0.01
     layers: int = 1
-    speed: float = 0.125
-    infill: int = 0
+    speed: Annotated[float, "Path speed, the rise included. [m/s]"] = 0.125
+    infill: Annotated[
+        int, "Strokes of a zigzag along the wall inside the outline, and as many back; 0 for none."
+    ] = 0
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "layer_height", "speed"):

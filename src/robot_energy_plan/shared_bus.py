@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
@@ -35,19 +37,13 @@ MAX_STEPS = 500_000  # of a cycle
 ROUNDING = 1e-3  # s, by which a motion may be longer than its cycle
 
 
-@dataclass(frozen=True)
-class BusExchange:
-    """Power flows of the same robots on supplies of their own and on one bus.
+class BusExchange(Described):
+    """Power flows of the same robots on supplies of their own and on one bus."""
 
-    Attributes:
-        stamp_ns: Shape (N,). [ns]
-        tight: As `shared`, but with `ROOM` of the capacitors.
-    """
-
-    stamp_ns: Int
+    stamp_ns: Annotated[Int, "Shape (N,). [ns]"]
     own: tuple[Balance, ...]
     shared: Balance
-    tight: Balance
+    tight: Annotated[Balance, "As `shared`, but with `ROOM` of the capacitors."]
 
     @property
     def duration(self) -> float:
@@ -225,19 +221,12 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
     return exchange(stamp, powers, [robot.model.cabinet for robot in robots])
 
 
-@dataclass(frozen=True)
-class PlannedBus:
-    """Robots in a common cycle.
+class PlannedBus(Described):
+    """Robots in a common cycle."""
 
-    Attributes:
-        together: Flows with all starts at once.
-        best: Flows with the starts that need least.
-        levelling: These starts, and what any others need; without capacitors.
-    """
-
-    together: BusExchange
-    best: BusExchange
-    levelling: Levelling
+    together: Annotated[BusExchange, "Flows with all starts at once."]
+    best: Annotated[BusExchange, "Flows with the starts that need least."]
+    levelling: Annotated[Levelling, "These starts, and what any others need; without capacitors."]
 
 
 def planned_robot(

@@ -102,10 +102,14 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
 def hold_words(hold: HoldFit) -> str:
     """Return what motors hold at rest, in one sentence."""
     kept, carried = uncertain(*hold.kept), uncertain(*hold.carried)
+    static = "it"
+    if hold.static is not None:
+        low, high = min(hold.static), max(hold.static)
+        static = f"static friction ({low:.2f} to {high:.2f} of the Coulomb torque)"
     return (
         f"at rest motors hold the load within {hold.std:.2f} of the Coulomb torque "
-        f"({hold.load_std:.2f} for the load alone): {kept} of it stays in the direction of the "
-        f"last motion, {carried} carries the load; {hold.rests} rests"
+        f"({hold.load_std:.2f} for the load alone): {kept} of {static} stays in the direction of "
+        f"the last motion, {carried} carries the load; {hold.rests} rests"
     )
 
 

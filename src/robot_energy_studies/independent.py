@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -69,19 +70,16 @@ FULL = IndependentStudySize(10, (0.0, 0.25, 0.5, 0.75, 1.0), (0.1, 0.35, 0.65, 0
 QUICK = IndependentStudySize(2, (0.0, 0.5, 1.0), (0.3, 0.9), 12)
 
 
-@dataclass(frozen=True)
 class IndependentRow(PlantRow):
-    """One plant of the second simulator.
+    """One plant of the second simulator."""
 
-    Attributes:
-        robot_degc: Mean motor temperature of each held-out set. [degC]
-        mean_power: Measured in each. [W]
-        imbalance: Greatest difference of the energies of the simulation, relative. [-]
-    """
-
-    robot_degc: tuple[float, ...] = ()
-    mean_power: tuple[float, ...] = ()
-    imbalance: float = 0.0
+    robot_degc: Annotated[
+        tuple[float, ...], "Mean motor temperature of each held-out set. [degC]"
+    ] = ()
+    mean_power: Annotated[tuple[float, ...], "Measured in each. [W]"] = ()
+    imbalance: Annotated[
+        float, "Greatest difference of the energies of the simulation, relative. [-]"
+    ] = 0.0
 
 
 @dataclass(frozen=True)

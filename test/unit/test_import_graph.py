@@ -28,7 +28,7 @@ MODULES = {
         reader sources sqlite_source writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode plan schema types walk
+        batch decode encode lazy_store plan schema types walk
     """,
     "robot_energy.certainty": """
         band band_calibration deviation energy_calibration figure_deviations

@@ -16,7 +16,6 @@ from typing import Any, TypeVar
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.power import PowerStateWriter
 from robot_energy.messages.registers import RegistersWriter
@@ -55,7 +54,7 @@ class AccountNode(MonitorNode[A]):
         ticks = round(given.tick_rate / given.power_rate)
         burst = -(-self.taken_ticks // ticks)  # messages that end together
         power = RowPublisher(self, PowerState, POWER_TOPIC, reliable(100))
-        self._power = PacedPublisher(power, ticks, max_waiting=burst + 1)
+        self._power = self.paced = PacedPublisher(power, ticks, max_waiting=burst + 1)
         registers = RowPublisher(self, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
         folder = folder_of(given.state_folder)
         self.checkpoints = Checkpoints(
@@ -95,14 +94,6 @@ class AccountNode(MonitorNode[A]):
         """Use the parameters that can change while active."""
         super().parameters_changed()
         self.checkpoints.change_period(self.parameters.checkpoint_period)
-
-    def publish_power(self, means: MeanBlock) -> None:
-        """Take the periods that ended; `tick` publishes them."""
-        self._power.add(self._power_writer.encode(means, self.account.comparison.location))
-
-    def tick(self) -> None:
-        """Publish the next power state."""
-        self.guard.run("publish.power", self._power.tick)
 
     def report(self) -> None:
         """Publish and keep what was learned."""

@@ -46,6 +46,7 @@ from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.node_parameters import Common
 from ros2_energy_monitor.base.parameter_changes import AT_START, ParameterChanges
 from ros2_energy_monitor.base.parameters import declare, parameter_lines, require, reread
+from ros2_energy_monitor.base.publishers import PacedPublisher
 from ros2_energy_monitor.base.robot_description import AwaitedDescription, ComparedDescription
 from ros2_energy_monitor.base.tick_statistics import TickStatistics
 from ros2_energy_monitor.diagnostics.node import NodeWatch
@@ -147,6 +148,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     Attributes:
         inputs: Every inbox with the account of its messages, from `set_up`.
         orders: Orders of stamps in which becoming active leaves a gap, from `set_up`.
+        paced: Where power states are queued, from `set_up`; None where the node has none.
     """
 
     NAME: ClassVar[str]
@@ -162,6 +164,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         self.inputs: list[tuple[Inbox, RejectionLog]] = []
         self.orders: list[StampOrder] = []
         self.sources: list[Source] = []
+        self.paced: PacedPublisher | None = None
         self._description: AwaitedDescription | ComparedDescription | None = None
         self.exit_stack = ExitStack()
         self._inventory: list[str] = []
@@ -203,6 +206,8 @@ class MonitorNode(ManagedNode, Generic[P]):
 
     def tick(self) -> None:
         """Publish what is queued, one after the other."""
+        if self.paced is not None:
+            self.guard.run("publish.power", self.paced.tick)
 
     def report(self) -> None:
         """Publish, once a second while active, what has no rate of its own."""
@@ -275,7 +280,7 @@ class MonitorNode(ManagedNode, Generic[P]):
     def cleanup(self) -> None:
         """Close what is held; forget inputs and sources, whose entities cleanup destroys."""
         self.exit_stack.close()
-        self.inputs, self.orders, self.sources = [], [], []
+        self.inputs, self.orders, self.sources, self.paced = [], [], [], None
         self._description = None
 
     @property
@@ -291,7 +296,7 @@ class MonitorNode(ManagedNode, Generic[P]):
         except RobotEnergyError:
             self.exit_stack.close()
             before.restore()
-            self.inputs, self.orders, self.sources = [], [], []
+            self.inputs, self.orders, self.sources, self.paced = [], [], [], None
             raise
 
     def _set_up(self, model: RobotModel) -> None:

@@ -30,8 +30,7 @@ class Common:
         "How often results are published; waiting messages are processed together, at the last "
         "tick within each 160 ms [1/s].",
         25.0,
-        1.0,
-        1000.0,
+        (1.0, 1000.0),
     )
     autostart: bool = parameter(
         "Whether the node configures and activates itself; if not, a life cycle manager does.",
@@ -43,15 +42,13 @@ class Common:
     input_timeout: float = parameter(
         "Time without a message after which diagnostics report an input as missing [s].",
         1.0,
-        0.05,
-        3600.0,
+        (0.05, 3600.0),
     )
     resubscribe_after: float = parameter(
         "Time without a message after which the node subscribes again to an input that has "
         "publishers [s].",
         10.0,
-        0.5,
-        3600.0,
+        (0.5, 3600.0),
     )
 
 
@@ -62,16 +59,14 @@ class TorqueParameters(JointStateInputs, Common):
     joint_state_depth: int = parameter(
         "Messages that can wait between two ticks; at least 0.5 s of joint states [messages].",
         2000,
-        1,
-        100_000,
+        (1, 100_000),
     )
-    derivative_window: float = setting("derivative_window", 0.02, 0.001, 1.0)
+    derivative_window: float = setting("derivative_window", 0.02, (0.001, 1.0))
     derivative_lag: float = parameter(
         "How far that window reaches beyond the sample; 2.5 times as far where velocities come "
         "from the positions; -1 for half the window [s].",
         -1.0,
-        -1.0,
-        1.0,
+        (-1.0, 1.0),
     )
 
 
@@ -88,10 +83,9 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
         "Rate of energy/power, whose powers are means over its period: tick_rate, or tick_rate "
         "divided by a whole number [1/s].",
         25.0,
-        0.1,
-        1000.0,
+        (0.1, 1000.0),
     )
-    temperature_wait: float = setting("temperature_wait", 0.1, 0.0, 10.0)
+    temperature_wait: float = setting("temperature_wait", 0.1, (0.0, 10.0))
     state_folder: str = parameter(
         "Folder in which the registers are kept across restarts; $ROS_HOME is ~/.ros where it is "
         "not set. none: they are not kept.",
@@ -101,8 +95,7 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
         "Time from one checkpoint to the next: the registers are written to disk and published "
         "[s].",
         1.0,
-        0.1,
-        3600.0,
+        (0.1, 3600.0),
     )
     learning: str = setting("learning", "observe")
 
@@ -114,8 +107,7 @@ class PowerParameters(GapInputs, AccountParameters):
     joint_torque_depth: int = parameter(
         "Messages that can wait between two ticks; at least 0.5 s of torques [messages].",
         2000,
-        1,
-        100_000,
+        (1, 100_000),
     )
 
     def __post_init__(self) -> None:
@@ -134,8 +126,7 @@ class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
         "Time in motion after which the model is checked once against what the robot did, in a "
         "process of low priority; 0 for never [s].",
         20.0,
-        0.0,
-        600.0,
+        (0.0, 600.0),
     )
 
     def __post_init__(self) -> None:
@@ -147,28 +138,29 @@ class EnergyParameters(TorqueParameters, FrictionParameters, AccountParameters):
 class RobotParameters:
     """Parameters of the virtual robot."""
 
-    seed: int = parameter("Seed of the noise of all sensors.", 1, 0, 2**31 - 1)
+    seed: int = parameter("Seed of the noise of all sensors.", 1, (0, 2**31 - 1))
     program: int = parameter(
-        "Seed of the random program; the same number gives the same motions.", 1, 0, 2**31 - 1
+        "Seed of the random program; the same number gives the same motions.", 1, (0, 2**31 - 1)
     )
-    speed: float = parameter("Speed of the program, as a share of the limits [-].", 1.0, 0.05, 1.0)
-    rate: float = parameter("Rate of the joint states [1/s].", 250.0, 10.0, 4000.0)
+    speed: float = parameter(
+        "Speed of the program, as a share of the limits [-].", 1.0, (0.05, 1.0)
+    )
+    rate: float = parameter("Rate of the joint states [1/s].", 250.0, (10.0, 4000.0))
     tick_rate: float = parameter(
-        "How often the samples that are due are computed [1/s].", 50.0, 1.0, 1000.0
+        "How often the samples that are due are computed [1/s].", 50.0, (1.0, 1000.0)
     )
     start_temperature_degc: float = parameter(
-        "Temperature of all motors and gears at the start [degC].", 20.0, -20.0, 120.0
+        "Temperature of all motors and gears at the start [degC].", 20.0, (-20.0, 120.0)
     )
-    ambient_degc: float = parameter("Temperature of the hall [degC].", 20.0, -20.0, 60.0)
+    ambient_degc: float = parameter("Temperature of the hall [degC].", 20.0, (-20.0, 60.0))
     thermal_speedup: float = parameter(
-        "How many times faster than a real robot it warms up [-].", 1.0, 0.01, 10_000.0
+        "How many times faster than a real robot it warms up [-].", 1.0, (0.01, 10_000.0)
     )
     plant_seed: int = parameter(
         "Seed by which friction, losses and constants are drawn at random; -1 takes those of the "
         "KR 16 class profile.",
         -1,
-        -1,
-        2**31 - 1,
+        (-1, 2**31 - 1),
     )
     hard: bool = parameter(
         "Whether the rig has effects that no model file has a term for, such as elastic joints.",
@@ -186,10 +178,10 @@ class ConsoleParameters:
     """Parameters of the console."""
 
     refresh_rate: float = parameter(
-        "How often the table is drawn on a terminal [1/s].", 4.0, 0.1, 20.0
+        "How often the table is drawn on a terminal [1/s].", 4.0, (0.1, 20.0)
     )
     line_period: float = parameter(
-        "Time from one printed line to the next where there is no terminal [s].", 5.0, 0.5, 3600.0
+        "Time from one printed line to the next where there is no terminal [s].", 5.0, (0.5, 3600.0)
     )
 
 
@@ -200,7 +192,7 @@ class DashboardParameters:
     address: str = parameter(
         "IP address to listen on; any other than 127.0.0.1 needs a token.", "127.0.0.1"
     )
-    port: int = parameter("TCP port; 0 for any free one.", 8421, 0, 65535)
+    port: int = parameter("TCP port; 0 for any free one.", 8421, (0, 65535))
     token_file: str = parameter("File with the token of the page; empty for none.", "")
     allow_control: bool = parameter(
         "Whether the page has buttons for job intervals and the reset; they need the token.", False
@@ -211,7 +203,7 @@ class DashboardParameters:
     robots: tuple[str, ...] = parameter(
         "Namespaces of the robots to show; empty shows all whose energy/power is found.", ()
     )
-    update_rate: float = parameter("How often the page is updated [1/s].", 10.0, 1.0, 20.0)
+    update_rate: float = parameter("How often the page is updated [1/s].", 10.0, (1.0, 20.0))
     page_settings: str = parameter(
         "File with prices, emission factor and length of a shift; empty for none.", ""
     )

@@ -170,13 +170,12 @@ def _descriptor(entry: Parameter, *, read_only: bool) -> ParameterDescriptor:
         additional_constraints="one of " + ", ".join(entry.choices) if entry.choices else "",
         read_only=read_only,
     )
-    low, high = entry.low, entry.high
-    if low is not None and high is not None and entry.kind is float:
-        descriptor.floating_point_range = [
-            FloatingPointRange(from_value=float(low), to_value=float(high))
-        ]
-    elif low is not None and high is not None:
-        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
+    if entry.bounds is not None and entry.kind is float:
+        low, high = map(float, entry.bounds)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif entry.bounds is not None:
+        low, high = map(int, entry.bounds)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
     return descriptor
 
 

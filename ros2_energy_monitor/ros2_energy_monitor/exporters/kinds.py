@@ -63,8 +63,7 @@ class ExporterBase:
     stale_after: float = parameter(
         "Age from which the newest message is no longer exported as current [s].",
         5.0,
-        0.5,
-        3600.0,
+        (0.5, 3600.0),
     )
 
 

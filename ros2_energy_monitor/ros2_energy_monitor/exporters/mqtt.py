@@ -57,11 +57,13 @@ class MqttParameters:
     """Parameters of the MQTT exporter."""
 
     host: str = parameter("Name or address of the MQTT broker.", "127.0.0.1")
-    port: int = parameter("Port of the broker; 8883 is usual with tls.", 1883, 1, 65535)
+    port: int = parameter("Port of the broker; 8883 is usual with tls.", 1883, (1, 65535))
     topic: str = parameter(
         "Beginning of the topics; the name of the robot follows.", "robot_energy"
     )
-    period: float = parameter("Time from one message of a topic to the next [s].", 1.0, 0.1, 3600.0)
+    period: float = parameter(
+        "Time from one message of a topic to the next [s].", 1.0, (0.1, 3600.0)
+    )
     discovery: str = parameter(
         "Beginning of the discovery topics of Home Assistant; empty for none.", "homeassistant"
     )

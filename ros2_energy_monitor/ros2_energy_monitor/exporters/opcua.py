@@ -146,7 +146,7 @@ class OpcUaParameters:
     address: str = parameter(
         "IP address to listen on; any other than 127.0.0.1 needs security.", "127.0.0.1"
     )
-    port: int = parameter("Port to listen on.", 4840, 1, 65535)
+    port: int = parameter("Port to listen on.", 4840, (1, 65535))
     security: str = parameter(
         "Security that connections must have, by the policy Basic256Sha256.",
         NONE,
@@ -161,7 +161,7 @@ class OpcUaParameters:
         "empty, anybody who can connect may read.",
         "",
     )
-    period: float = parameter("Time from one update to the next [s].", 1.0, 0.1, 3600.0)
+    period: float = parameter("Time from one update to the next [s].", 1.0, (0.1, 3600.0))
 
 
 class OpcUaExporter(Exporter):

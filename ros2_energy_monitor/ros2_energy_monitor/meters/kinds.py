@@ -34,9 +34,9 @@ class MeterDriverParameters:
         "Profile of the meter: name of a shipped one, such as siemens_pac2200, or a YAML file."
     )
     host: str = parameter("Name or address of the meter; for MQTT, of the broker.")
-    port: int = parameter("Its port; 0 for that of the profile.", 0, 0, 65535)
+    port: int = parameter("Its port; 0 for that of the profile.", 0, (0, 65535))
     unit: int = parameter(
-        "Modbus unit (slave) identifier; -1 for that of the profile.", -1, -1, 255
+        "Modbus unit (slave) identifier; -1 for that of the profile.", -1, (-1, 255)
     )
     device: str = parameter("Name of the meter in MQTT topics; unused otherwise.", "")
     location: str = parameter(
@@ -53,31 +53,28 @@ class MeterDriverParameters:
     scale: float = parameter(
         "Factor on power and energy, as of a current transformer that the meter does not know [-].",
         1.0,
-        1e-9,
-        1e9,
+        (1e-9, 1e9),
     )
     max_power: float = parameter(
         "Highest plausible power: readings above it are refused, and a fall of the counter that "
         "implies more is not a wrap [W].",
         1e6,
-        1.0,
-        1e9,
+        (1.0, 1e9),
     )
     period: float = parameter(
-        "Time from one request to the next; 0 for that of the profile [s].", 0.0, 0.0, 3600.0
+        "Time from one request to the next; 0 for that of the profile [s].", 0.0, (0.0, 3600.0)
     )
     timeout: float = parameter(
-        "Longest time for a connection, and for all answers of one reading [s].", 2.0, 0.05, 60.0
+        "Longest time for a connection, and for all answers of one reading [s].", 2.0, (0.05, 60.0)
     )
     max_round_trip: float = parameter(
         "Longest time from a request to its answer; the stamp is the middle of it, and slower "
         "readings are refused [s].",
         0.5,
-        0.001,
-        60.0,
+        (0.001, 60.0),
     )
     max_backoff: float = parameter(
-        "Longest time between two attempts to connect [s].", 30.0, 0.5, 3600.0
+        "Longest time between two attempts to connect [s].", 30.0, (0.5, 3600.0)
     )
     credentials_file: str = parameter(
         "YAML file, readable by its owner only, with username and password; empty for none.", ""

@@ -235,7 +235,9 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
             send, write = self._friction.publish, self._friction_writer.encode
             self.guard.run("publish.joint_friction", lambda: send(write(friction)))
         if means is not None:
-            self.guard.run("publish.power", partial(self.publish_power, means))
+            add, message = self._power.add, self._power_writer.encode
+            location = self.account.comparison.location
+            self.guard.run("publish.power", lambda: add(message(means, location)))
 
 
 main = partial(run, EnergyMonitor)

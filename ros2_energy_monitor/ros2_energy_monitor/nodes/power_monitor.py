@@ -222,7 +222,9 @@ class PowerMonitor(AccountNode[PowerParameters]):
 
     def _publish(self, means: MeanBlock | None) -> None:
         if means is not None:
-            self.guard.run("publish.power", partial(self.publish_power, means))
+            add, message = self._power.add, self._power_writer.encode
+            location = self.account.comparison.location
+            self.guard.run("publish.power", lambda: add(message(means, location)))
 
 
 def _alike(batch: RawBatch) -> Iterator[RawBatch]:

@@ -31,25 +31,23 @@ class RecorderParameters:
         "Whether the node configures and activates itself; if not, a life cycle manager does.",
         True,
     )
-    keep_minutes: float = parameter("How long minutes are kept [days].", 35.0, 1.0, 4000.0)
+    keep_minutes: float = parameter("How long minutes are kept [days].", 35.0, (1.0, 4000.0))
     keep_quarters: float = parameter(
         "How long quarter hours are kept; 0 for ever, as hours and days are [days].",
         0.0,
-        0.0,
-        4000.0,
+        (0.0, 4000.0),
     )
     min_free: int = parameter(
         "Free space to leave on the disk; nothing is written while there is less [MB].",
         200,
-        0,
-        1_000_000,
+        (0, 1_000_000),
     )
     take_period: float = parameter(
-        "Time from one processing of waiting messages to the next [s].", 20.0, 0.1, 30.0
+        "Time from one processing of waiting messages to the next [s].", 20.0, (0.1, 30.0)
     )
     write_period: float = parameter(
-        "Time from one write to the history to the next [s].", 60.0, 1.0, 900.0
+        "Time from one write to the history to the next [s].", 60.0, (1.0, 900.0)
     )
     look_period: float = parameter(
-        "Time from one search for robots and job intervals to the next [s].", 20.0, 1.0, 900.0
+        "Time from one search for robots and job intervals to the next [s].", 20.0, (1.0, 900.0)
     )

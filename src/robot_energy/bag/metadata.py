@@ -104,7 +104,6 @@ class TopicEntry:
 class FolderInfo:
     """What is needed from metadata.yaml to read a folder."""
 
-    storage: str
     compression_mode: str
     files: tuple[str, ...]
     origin: str
@@ -169,7 +168,7 @@ def metadata_yaml(
 
 
 def read_folder_info(folder: Path) -> FolderInfo:
-    """Return storage, compression and files, in the order recorded, from metadata.yaml."""
+    """Return compression and files, in the order recorded, from metadata.yaml."""
     path = folder / FILE_NAME
     try:
         content: Any = parse_yaml(read_regular_text(path, MAX_BYTES), str(path), BagError)
@@ -177,7 +176,6 @@ def read_folder_info(folder: Path) -> FolderInfo:
         custom = cast("Mapping[str, Any]", info.get("custom_data") or {})
         mode = str(info.get("compression_mode") or "").lower()
         return FolderInfo(
-            str(info["storage_identifier"]),
             "" if mode == "none" else mode,
             tuple(PurePath(str(name)).name for name in info["relative_file_paths"]),
             str(custom.get(ORIGIN_KEY) or ""),

@@ -23,7 +23,7 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import NANOSECOND
 
 if TYPE_CHECKING:
-    from robot_energy.bag.cdr.types import LazyStore
+    from robot_energy.bag.cdr.lazy_store import LazyStore
 
 
 @dataclass(frozen=True)

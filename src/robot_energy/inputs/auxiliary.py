@@ -31,8 +31,7 @@ class StateSource:
         "Silence after which the state of the model file is in force again; 0: a state holds "
         "until the next one [s].",
         0.0,
-        0.0,
-        86_400.0,
+        (0.0, 86_400.0),
     )
 
     @property

@@ -41,8 +41,7 @@ class Parameter:
     Attributes:
         name: Full name, such as ``motors.topic``.
         default: Value where none is given; ``dataclasses.MISSING`` if it is required.
-        low: Least value allowed, or None.
-        high: Greatest value allowed, or None.
+        bounds: Least and greatest value allowed; None for any.
         choices: The texts allowed; empty for any.
     """
 
@@ -50,8 +49,7 @@ class Parameter:
     kind: Any
     default: Any
     description: str = ""
-    low: float | None = None
-    high: float | None = None
+    bounds: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
 
     @property
@@ -60,7 +58,7 @@ class Parameter:
         if self.choices:
             return "one of " + ", ".join(self.choices)
         kind = KINDS[self.kind]
-        return kind if self.low is None else f"{kind} from {self.low} to {self.high}"
+        return "{} from {} to {}".format(kind, *self.bounds) if self.bounds else kind
 
     def check(self, value: Any, owner: str) -> Any:
         """Return a value in the type of the field.
@@ -82,8 +80,8 @@ class Parameter:
         else:
             fits = type(value) is self.kind
             fits = fits and not (self.kind is float and not math.isfinite(value))
-        if fits and self.low is not None and self.high is not None:
-            fits = self.low <= value <= self.high
+        if fits and self.bounds is not None:
+            fits = self.bounds[0] <= value <= self.bounds[1]
         if not fits or (self.choices and value not in self.choices):
             raise ParameterError(f"parameter '{self.name}' of {owner} is {given!r}", self.expected)
         return value
@@ -104,22 +102,20 @@ class Parameter:
 def parameter(
     description: str,
     default: Any = MISSING,
-    low: float | None = None,
-    high: float | None = None,
+    bounds: tuple[float, float] | None = None,
     choices: Collection[str] = (),
 ) -> Any:
     """Return a field that describes one parameter; without a default it is required.
 
     Args:
-        low: Least value allowed; None for no bound. [unit of the parameter]
-        high: Greatest value allowed; None for no bound. [unit of the parameter]
+        bounds: Least and greatest value allowed; None for any. [unit of the parameter]
         choices: The texts allowed, or a table of kinds; empty for any.
     """
-    metadata = {"description": description, "low": low, "high": high, "choices": choices}
+    metadata = {"description": description, "bounds": bounds, "choices": choices}
     return field(default=default, metadata=metadata)
 
 
-def setting(name: str, default: Any, *bounds: float) -> Any:
+def setting(name: str, default: Any, bounds: tuple[float, float] | None = None) -> Any:
     """Return a field with the text, range and choices of an option that verbs have as well.
 
     Args:
@@ -129,8 +125,7 @@ def setting(name: str, default: Any, *bounds: float) -> Any:
     text, unit = str(replace(option, absent="", unit="", value="")).removesuffix("."), option.unit
     if not unit:
         return parameter(f"{text}.", default, choices=cast("Any", option.choices))
-    low, high = bounds or (option.low, option.high)
-    return parameter(f"{text} [{unit}].", default, low, high)
+    return parameter(f"{text} [{unit}].", default, bounds or (option.low, option.high))
 
 
 def group(cls: type[D]) -> D:
@@ -196,7 +191,7 @@ def _assemble(
                 }
                 _own(about["check"], value, owner, prefix)
             case _:
-                rest = {key: about[key] for key in ("description", "low", "high")}
+                rest = {key: about[key] for key in ("description", "bounds")}
                 rest["choices"] = tuple(about["choices"])
                 value = value_of(Parameter(name, hints[entry.name], entry.default, **rest))
         values[entry.name] = value

@@ -57,8 +57,7 @@ class JointStateSource:
         "Joint states in which a joint is faster than this many times its velocity limit in the "
         "URDF are refused, unless its positions confirm the velocity [-].",
         3.0,
-        1.0,
-        1e6,
+        (1.0, 1e6),
     )
     effort_meaning: str = setting("effort", str(EffortMeaning.NONE))
     position: JointCorrection = group(JointCorrection)
@@ -100,7 +99,7 @@ class TemperatureSource:
     type: str = parameter("Type of the messages.", MOTOR_TEMPERATURES, choices=TEMPERATURE_KINDS)
     unit: str = parameter("Unit of the values.", "degc", choices=("degc", "kelvin"))
     scale: float = parameter(
-        "Factor on the values, 0.1 for tenths of a degree [-].", 1.0, 1e-9, 1e9
+        "Factor on the values, 0.1 for tenths of a degree [-].", 1.0, (1e-9, 1e9)
     )
     joints: tuple[str, ...] = parameter(
         "Joints of the model that the source is for. Float64MultiArray: in the order of its "

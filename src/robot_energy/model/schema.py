@@ -121,10 +121,11 @@ class Meter(ModelEntry):
 
 
 class Hold(ModelEntry):
-    """What motors hold at rest in addition to the load, as shares of their Coulomb torques.
+    """What motors hold at rest in addition to the load, as shares of their static friction.
 
-    ``tau = tau_r - carried sgn(tau_r) min(fc, |tau_r|) + kept fc d`` with the rigid torque tau_r
-    and the direction d of the last motion, motor side.
+    ``tau = tau_r - carried sgn(tau_r) min(fs, |tau_r|) + kept fs d`` with the rigid torque tau_r,
+    the static friction ``fs = static (fc + load min(|tau_r|, taus))`` and the direction d of the
+    last motion, motor side.
     """
 
     kept: Annotated[Figure, "Share that stays in the direction of the last motion, -1 to 1. [-]"]
@@ -133,10 +134,15 @@ class Hold(ModelEntry):
         "Share by which friction carries the load; less than 0 where motors hold more than it, -1 "
         "to 1. [-]",
     ]
+    static: Annotated[
+        tuple[Annotated[Number, Field(ge=0)], ...] | None,
+        "Static friction of each joint over its Coulomb torque under the load; absent: 1. [-]",
+    ] = None
     std: Annotated[
         float,
         Field(ge=0),
-        "Standard deviation of the torque at one place, over the Coulomb torque. [-]",
+        "Standard deviation of the torque at one place, over the Coulomb torque under the load. "
+        "[-]",
     ]
 
     @model_validator(mode="after")
@@ -146,6 +152,11 @@ class Hold(ModelEntry):
             if not abs(value) <= 1.0:
                 raise ValueError(f"{key} must lie between -1 and 1, found {value}")
         return self
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out an absent key that came later: a model without it keeps its identity."""
+        return without_absent(dump(self), "static")
 
 
 LOSS_TERMS = ("copper", "linear", "quadratic")  # of the losses of one drive
@@ -344,6 +355,9 @@ class RobotModel(ModelEntry, Shown):
         loads = [load.name for load in self.auxiliary or ()]
         if repeated := dict.fromkeys(name for name in loads if loads.count(name) > 1):
             raise ValueError(f"names of auxiliary loads repeat: {', '.join(repeated)}")
+        static = None if self.hold is None else self.hold.static
+        if static is not None and len(static) != len(names):
+            raise ValueError(f"hold.static has {len(static)} figures for {len(names)} joints")
         if self.covariance is not None:
             known = self._figures_together()
             if unknown := [name for name in self.covariance.figures if name not in known]:

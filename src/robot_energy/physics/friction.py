@@ -292,6 +292,18 @@ class FrictionModel:
         bent = self._terms["viscous_exponent"], self._terms["exponent_velocity"]
         return viscous_velocity(motor_velocity, *bent)
 
+    def loaded_coulomb(self, motor_torque_rigid: Float) -> Float:
+        """Return the Coulomb torque under a load, ``fc + load min(|tau|, taus)``. [N m]
+
+        Args:
+            motor_torque_rigid: tau, shape (N, n). [N m]
+        """
+        load = self._terms.get("load_coulomb")
+        if load is None:
+            return self.coulomb
+        limit = self._terms.get("load_saturation", np.inf)
+        return self.coulomb + load * np.minimum(np.abs(motor_torque_rigid), limit)
+
 
 def with_fixed_friction(
     model: RobotModel, motor_temperature_degc: float, viscous_std: Float | None = None

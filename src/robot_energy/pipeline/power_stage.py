@@ -321,7 +321,8 @@ class PowerStage:
             coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
             quality |= np.uint32(Quality.LEARNED)
         torque = rigid + friction
-        direction = self._hold.follow(speed) if self._hold.kept else self._hold.direction
+        last = self._hold.last_motion
+        direction = last.follow(block.stamp_ns, speed) if self._hold.kept else last.direction
         wound, held_std = torque, None
         if standing.any():
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)

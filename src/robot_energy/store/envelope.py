@@ -21,7 +21,7 @@ from robot_energy.foundation.errors import StateFileError
 SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
 
-def open_regular(path: Path, flags: int, mode: int = 0o644) -> int:
+def open_unlinked(path: Path, flags: int, mode: int = 0o644) -> int:
     """Return the descriptor of a regular file.
 
     Args:
@@ -49,7 +49,7 @@ def read_regular(path: Path, limit: int) -> bytes | None:
         OSError: If it cannot be read, is not a regular file or is larger.
     """
     try:
-        file = open_regular(path, os.O_RDONLY)
+        file = open_unlinked(path, os.O_RDONLY)
     except FileNotFoundError:
         return None
     with os.fdopen(file, "rb") as opened:

@@ -23,7 +23,7 @@ from robot_energy.store.envelope import (
     MAX_LINE,
     follows,
     is_newer,
-    open_regular,
+    open_unlinked,
     read_regular,
     unwrap,
     wrap,
@@ -131,7 +131,7 @@ class SlotPair(Generic[T]):
 
     def _open_slot(self, path: Path) -> int:
         try:
-            return open_regular(path, os.O_WRONLY | os.O_CREAT)
+            return open_unlinked(path, os.O_WRONLY | os.O_CREAT)
         except OSError:
             if path.is_symlink() or (path.exists() and not path.is_file()):
                 self.release()  # the next checkpoint moves it aside
@@ -139,12 +139,12 @@ class SlotPair(Generic[T]):
 
     def _take_lock(self) -> None:
         try:
-            lock = open_regular(self._lock_path, os.O_RDWR | os.O_CREAT)
+            lock = open_unlinked(self._lock_path, os.O_RDWR | os.O_CREAT)
         except OSError:
             if not self._lock_path.is_file() or self._lock_path.is_symlink():
                 raise
             # Nothing can be written now, but what was kept can still be read and guarded.
-            lock = open_regular(self._lock_path, os.O_RDONLY)
+            lock = open_unlinked(self._lock_path, os.O_RDONLY)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

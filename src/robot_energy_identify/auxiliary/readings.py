@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.accounting.load_curve import UNKNOWN
 from robot_energy.bag import BagReader
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.inputs.bag_topics import find_auxiliary
@@ -29,17 +31,11 @@ from robot_energy_identify.data.recordings import Recording
 AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts
 
 
-@dataclass(frozen=True)
-class StateChanges:
-    """When a load changed its state.
+class StateChanges(Described):
+    """When a load changed its state."""
 
-    Attributes:
-        stamp_ns: Since when, rising, shape (K,). [ns]
-        state: Number since then, shape (K,); `UNKNOWN` before the first message.
-    """
-
-    stamp_ns: Int
-    state: Int
+    stamp_ns: Annotated[Int, "Since when, rising, shape (K,). [ns]"]
+    state: Annotated[Int, "Number since then, shape (K,); `UNKNOWN` before the first message."]
 
     @classmethod
     def of(cls, load: AuxiliaryLoad, block: MeterBlock | None) -> StateChanges:
@@ -66,23 +62,14 @@ class StateChanges:
         return np.where((first == last) & (self.state[first] != UNKNOWN), first, -1)
 
 
-@dataclass(frozen=True)
-class StateReadings:
-    """Readings of one recording, each inside one state of every load.
+class StateReadings(Described):
+    """Readings of one recording, each inside one state of every load."""
 
-    Attributes:
-        power: Shape (N,). [W]
-        duration: Shape (N,). [s]
-        state: Number of the state of each load, shape (N, loads).
-        visit: Number of the uninterrupted stretch of states, rising, shape (N,).
-        shown: What the meter showed, which its gain concerns, shape (N,). [W]
-    """
-
-    power: Float
-    duration: Float
-    state: Int
-    visit: Int
-    shown: Float
+    power: Annotated[Float, "Shape (N,). [W]"]
+    duration: Annotated[Float, "Shape (N,). [s]"]
+    state: Annotated[Int, "Number of the state of each load, shape (N, loads)."]
+    visit: Annotated[Int, "Number of the uninterrupted stretch of states, rising, shape (N,)."]
+    shown: Annotated[Float, "What the meter showed, which its gain concerns, shape (N,). [W]"]
 
     def __len__(self) -> int:
         return len(self.power)

@@ -106,7 +106,8 @@ class Rests:
         """Return the rest with the surest step about a temperature; None if it is not passed.
 
         Args:
-            tolerance: To both sides of the temperature. [K]
+            degc: Of the warmest motor. [degC]
+            tolerance: To both sides of it. [K]
         """
         off = self.warmest_degc - degc
         near = [at for at in self.places if abs(float(off[at])) <= tolerance]
@@ -115,7 +116,12 @@ class Rests:
         return max(near, key=lambda at: self.step(at).score)
 
     def less(self, power: float, first: int) -> Rests:
-        """Return the rests without a power that begins at one of them. [W]"""
+        """Return the rests without a power that begins at one of them.
+
+        Args:
+            power: That is taken off. [W]
+            first: From which rest on.
+        """
         return replace(self, power=self.power - power * (np.arange(len(self.power)) >= first))
 
     def step(self, first: int) -> PowerStep:
@@ -127,7 +133,9 @@ class Rests:
         rows = slice(max(first - MOST, 0), first + MOST)
         time, power = self.time[rows] - self.time[first], self.power[rows]
         others = np.column_stack([np.ones(len(time)), time, self.heat[rows]])
-        base, scale, _ = np.linalg.svd(others / np.linalg.norm(others, axis=0), full_matrices=False)
+        size = np.linalg.norm(others, axis=0)
+        others /= np.where(size > 0.0, size, 1.0)  # an upright axis holds nothing
+        base, scale, _ = np.linalg.svd(others, full_matrices=False)
         base = base[:, scale > RANK * scale[0]]
         left = (time >= 0.0) - base @ (base.T @ (time >= 0.0))  # of the step, and of the power
         power = power - base @ (base.T @ power)
@@ -165,7 +173,7 @@ def find_fan(recordings: Sequence[Recording]) -> FanFit:
         NotIdentifiableError: If there is no such step, or no fan explains it.
     """
     usable = [part for part in recordings if _usable(part)]
-    off = usable[0].sensors.std.thermometer if usable else 0.0
+    off = 2.0**0.5 * usable[0].sensors.std.thermometer if usable else 0.0
     return fan_of([_rests(part) for part in usable], off)
 
 
@@ -236,8 +244,7 @@ def _rests(part: Recording) -> Rests:
     row = row_of(part, pieces)
     torque, degc = winding_torque(part)[row], part.power.motor_temperature_degc[row]
     heat = loss_columns(np.zeros_like(torque), torque, np.where(np.isnan(degc), COOL, degc))
-    own = [
-        parted(pieces, values)
-        for values in (middle, power, so_far[row], heat[..., TERMS.index("copper")])
-    ]
-    return Rests(*(np.array([one.mean(axis=0) for one in values]) for values in own))
+    values = (middle, power, so_far[row], heat[..., TERMS.index("copper")])
+    known = np.flatnonzero(np.isfinite(np.column_stack(values)).all(axis=1))
+    own = [parted(pieces[known], each[known]) for each in values]
+    return Rests(*(np.array([one.mean(axis=0) for one in each]) for each in own))

@@ -6,12 +6,13 @@ Of a recording of any length whole windows are kept, evenly spread: memory is bo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import TypeVar
+from dataclasses import field, fields, replace
+from typing import Annotated, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.plausibility import JointStateProblem
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -51,78 +52,70 @@ Kept = TypeVar("Kept", bound=Block)
 Window = tuple[list[TorqueBlock], list[PowerBlock], list[MeterBlock]]
 
 
-@dataclass(frozen=True)
-class Remarks:
-    """What the stages of the monitor noticed while the recording ran through them.
+class Remarks(Described):
+    """What the stages of the monitor noticed while the recording ran through them."""
 
-    Attributes:
-        problems: Of the bag, one sentence each.
-        temperatures: Of the motor temperatures; None where no topic brings any.
-        stuck: Joints whose temperature stood still while their losses must have warmed it.
-        effort_factors: Factor of measured over body torque and their correlation, for each
-            meaning of the effort; see `EffortCheck.factors`.
-        stream: What is wrong with stamps and publishers of the joint states.
-        refused: Share of the joint states that were refused, by reason. [-]
-        repeating: Whether the driver repeats its joint states.
-    """
-
-    problems: tuple[str, ...] = ()
-    temperatures: tuple[str, ...] | None = None
-    stuck: tuple[str, ...] = ()
+    problems: Annotated[tuple[str, ...], "Of the bag, one sentence each."] = ()
+    temperatures: Annotated[
+        tuple[str, ...] | None, "Of the motor temperatures; None where no topic brings any."
+    ] = None
+    stuck: Annotated[
+        tuple[str, ...],
+        "Joints whose temperature stood still while their losses must have warmed it.",
+    ] = ()
     meter: tuple[str, ...] = ()
-    effort_factors: Mapping[EffortMeaning, tuple[float, float]] = field(
-        default_factory=dict[EffortMeaning, tuple[float, float]]
-    )
-    stream: tuple[JointStateProblem, ...] = ()
-    refused: Mapping[str, float] = field(default_factory=dict[str, float])
-    repeating: bool = False
+    effort_factors: Annotated[
+        Mapping[EffortMeaning, tuple[float, float]],
+        "Factor of measured over body torque and their correlation, for each meaning of the "
+        "effort; see `EffortCheck.factors`.",
+    ] = field(default_factory=dict[EffortMeaning, tuple[float, float]])
+    stream: Annotated[
+        tuple[JointStateProblem, ...],
+        "What is wrong with stamps and publishers of the joint states.",
+    ] = ()
+    refused: Annotated[
+        Mapping[str, float], "Share of the joint states that were refused, by reason. [-]"
+    ] = field(default_factory=dict[str, float])
+    repeating: Annotated[bool, "Whether the driver repeats its joint states."] = False
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """What the checks look at. Joint side unless it says ``motor``; n joints.
-
-    Attributes:
-        robot: Its rigid bodies, with its payload.
-        effort: What the effort of the recording was said to mean.
-        stamp_ns: Of the samples with position and velocity, shape (N,). [ns]
-        segment: Stretches without gaps, shape (N,).
-        position: Shape (N, n). [rad] or [m]
-        velocity: Shape (N, n). [rad/s] or [m/s]
-        acceleration: Shape (N, n); NaN without a full derivative window. [rad/s^2] or [m/s^2]
-        motor_torque: Measured, shape (N, n); NaN where unknown. [N m]
-        temperature_degc: Motor temperatures that were used, shape (N, n). [degC]
-        moving: Which samples of which joint move, shape (N, n).
-        supply: Predicted powers of every sample; None without any.
-        shaft_power: Measured torque times motor velocity of every sample of ``supply``, shape
-            (M, n); NaN where unknown. [W]
-        meter: Readings of the meter; None without one.
-        beyond_torque: Joints that need more than their torque limit too often, one sentence
-            by name.
-        remarks: What the stages of the monitor noticed.
-        inputs: How the recording was read.
-        derived: Whether velocities come from the positions, so that both say the same.
-    """
+class Evidence(Described):
+    """What the checks look at. Joint side unless it says ``motor``; n joints."""
 
     model: RobotModel
-    robot: Robot
+    robot: Annotated[Robot, "Its rigid bodies, with its payload."]
     drivetrain: Drivetrain
-    effort: EffortMeaning
-    stamp_ns: Int
-    segment: Int
-    position: Float
-    velocity: Float
-    acceleration: Float
-    motor_torque: Float
-    temperature_degc: Float
-    moving: NDArray[np.bool_]
-    supply: SupplyBlock | None = None
-    shaft_power: Float | None = None
-    meter: MeterBlock | None = None
-    beyond_torque: Mapping[str, str] = field(default_factory=dict[str, str])
-    remarks: Remarks = field(default_factory=Remarks)
-    inputs: Inputs = field(default_factory=Inputs)
-    derived: bool = False
+    effort: Annotated[EffortMeaning, "What the effort of the recording was said to mean."]
+    stamp_ns: Annotated[Int, "Of the samples with position and velocity, shape (N,). [ns]"]
+    segment: Annotated[Int, "Stretches without gaps, shape (N,)."]
+    position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
+    velocity: Annotated[Float, "Shape (N, n). [rad/s] or [m/s]"]
+    acceleration: Annotated[
+        Float, "Shape (N, n); NaN without a full derivative window. [rad/s^2] or [m/s^2]"
+    ]
+    motor_torque: Annotated[Float, "Measured, shape (N, n); NaN where unknown. [N m]"]
+    temperature_degc: Annotated[Float, "Motor temperatures that were used, shape (N, n). [degC]"]
+    moving: Annotated[NDArray[np.bool_], "Which samples of which joint move, shape (N, n)."]
+    supply: Annotated[SupplyBlock | None, "Predicted powers of every sample; None without any."] = (
+        None
+    )
+    shaft_power: Annotated[
+        Float | None,
+        "Measured torque times motor velocity of every sample of ``supply``, shape (M, n); NaN "
+        "where unknown. [W]",
+    ] = None
+    meter: Annotated[MeterBlock | None, "Readings of the meter; None without one."] = None
+    beyond_torque: Annotated[
+        Mapping[str, str],
+        "Joints that need more than their torque limit too often, one sentence by name.",
+    ] = field(default_factory=dict[str, str])
+    remarks: Annotated[Remarks, "What the stages of the monitor noticed."] = field(
+        default_factory=Remarks
+    )
+    inputs: Annotated[Inputs, "How the recording was read."] = field(default_factory=Inputs)
+    derived: Annotated[
+        bool, "Whether velocities come from the positions, so that both say the same."
+    ] = False
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 from xml.etree import ElementTree
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
@@ -95,28 +97,21 @@ def carried_payload(
     return (*others, body)
 
 
-@dataclass(frozen=True)
-class Cause:
-    """One cause and the recording without it.
+class Cause(Described):
+    """One cause and the recording without it."""
 
-    Attributes:
-        name: As in `Finding.cause`.
-        value: Its size, in the unit of the cause; 1 where it has none.
-        correct: Gives the recording without it.
-        free: How many figures of it are free of size.
-        std: Standard deviation of ``value``; NaN where it is a choice.
-        choice: What it should be instead, in words; empty where ``value`` says it.
-        payload: What the robot carries instead.
-    """
-
-    name: str
+    name: Annotated[str, "As in `Finding.cause`."]
     joints: tuple[int, ...]
-    value: float
-    correct: Callable[[Evidence], Evidence]
-    free: int = 0
-    std: float = float("nan")
-    choice: str = ""
-    payload: tuple[Payload, ...] = ()
+    value: Annotated[float, "Its size, in the unit of the cause; 1 where it has none."]
+    correct: Annotated[Callable[[Evidence], Evidence], "Gives the recording without it."]
+    free: Annotated[int, "How many figures of it are free of size."] = 0
+    std: Annotated[float, "Standard deviation of ``value``; NaN where it is a choice."] = float(
+        "nan"
+    )
+    choice: Annotated[
+        str, "What it should be instead, in words; empty where ``value`` says it."
+    ] = ""
+    payload: Annotated[tuple[Payload, ...], "What the robot carries instead."] = ()
 
 
 def fit_without(cause: Cause, fit: TorqueFit) -> TorqueFit:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -60,17 +62,13 @@ SPOILING = (
 TORQUE, METER = "torque", "power meter"
 
 
-@dataclass(frozen=True)
-class Checks:
-    """What the checks of a recording found.
+class Checks(Described):
+    """What the checks of a recording found."""
 
-    Attributes:
-        findings: By name of the check, in the order in which their causes act.
-        skipped: Checks that were not made, with what they lack.
-    """
-
-    findings: dict[str, list[Finding]]
-    skipped: dict[str, str]
+    findings: Annotated[
+        dict[str, list[Finding]], "By name of the check, in the order in which their causes act."
+    ]
+    skipped: Annotated[dict[str, str], "Checks that were not made, with what they lack."]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
         """Return them with errors first."""

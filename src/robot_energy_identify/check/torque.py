@@ -11,10 +11,12 @@ judged from the recording.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.physics.effort_check import MAX_FACTOR, MIN_CORRELATION
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import remedies
@@ -66,38 +68,27 @@ SIZE = {"zero_offset": f"{OFFSET:g} rad", "gear_ratio": "a factor of 2",
         "torque_scale": "a factor of 1.41"}  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Found:
-    """A cause, or several of which each explains the recording.
+class Found(Described):
+    """A cause, or several of which each explains the recording."""
 
-    Attributes:
-        cause: The likeliest.
-        links: Whose bodies explain it as well, if they are further off than their priors.
-        alternatives: Other causes that do.
-        fit: Of the recording with it.
-    """
-
-    cause: Cause
-    links: tuple[int, ...]
-    alternatives: tuple[Cause, ...]
-    fit: TorqueFit
+    cause: Annotated[Cause, "The likeliest."]
+    links: Annotated[
+        tuple[int, ...],
+        "Whose bodies explain it as well, if they are further off than their priors.",
+    ]
+    alternatives: Annotated[tuple[Cause, ...], "Other causes that do."]
+    fit: Annotated[TorqueFit, "Of the recording with it."]
 
 
-@dataclass(frozen=True)
-class SearchResult:
-    """Causes of a recording, and what it cannot show.
+class SearchResult(Described):
+    """Causes of a recording, and what it cannot show."""
 
-    Attributes:
-        found: The strongest first.
-        last: The recording without the causes.
-        unseen: Causes that change too little to be named if they were there.
-        payload: The least mass that would be found; infinite for none. [kg]
-    """
-
-    found: tuple[Found, ...]
-    last: TorqueFit
-    unseen: tuple[Cause, ...]
-    payload: float
+    found: Annotated[tuple[Found, ...], "The strongest first."]
+    last: Annotated[TorqueFit, "The recording without the causes."]
+    unseen: Annotated[
+        tuple[Cause, ...], "Causes that change too little to be named if they were there."
+    ]
+    payload: Annotated[float, "The least mass that would be found; infinite for none. [kg]"]
 
 
 def search(fit: TorqueFit) -> SearchResult:

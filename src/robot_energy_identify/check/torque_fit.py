@@ -19,13 +19,14 @@ wrong sign.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.priors import TAGS
+from robot_energy.foundation.described import Described
 from robot_energy.model.figure import Figure
 from robot_energy.timeline.blocks import EffortMeaning, Float, Int
 from robot_energy_identify.check.evidence import Evidence
@@ -53,21 +54,13 @@ OWN = ("gain", "slope", "rotor", "loaded", "coulomb", "viscous", "stribeck", "of
 NOT_NEGATIVE = ("loaded", "coulomb", "viscous")
 
 
-@dataclass(frozen=True)
-class Bodies:
-    """Torque of the bodies at the samples, and how it changes; joint side, n joints.
+class Bodies(Described):
+    """Torque of the bodies at the samples, and how it changes; joint side, n joints."""
 
-    Attributes:
-        torque: Shape (N, n). [N m] or [N]
-        inertial: The part of it that accelerates, shape (N, n). [N m] or [N]
-        by_parameter: Per unit of each inertial parameter, shape (N, n, 10 n).
-        by_position: Per change of each position, shape (N, n, n). [N m/rad]
-    """
-
-    torque: Float
-    inertial: Float
-    by_parameter: Float
-    by_position: Float
+    torque: Annotated[Float, "Shape (N, n). [N m] or [N]"]
+    inertial: Annotated[Float, "The part of it that accelerates, shape (N, n). [N m] or [N]"]
+    by_parameter: Annotated[Float, "Per unit of each inertial parameter, shape (N, n, 10 n)."]
+    by_position: Annotated[Float, "Per change of each position, shape (N, n, n). [N m/rad]"]
 
     @classmethod
     def of(cls, evidence: Evidence) -> Bodies:
@@ -93,26 +86,23 @@ class Bodies:
         )
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Most likely errors under given priors.
+class Errors(Described):
+    """Most likely errors under given priors."""
 
-    Attributes:
-        cost: Minus twice the logarithm of the marginal likelihood, but for a constant.
-        values: Of each column, in its unit.
-        std: Their standard deviations.
-        unexplained: Share of each joint's torque variance, shape (n,); NaN where unknown.
-        surprise: Squares of the errors of bodies, zeros and gains over their priors, summed,
-            per one of them that the recording determines. [-]
-        freedom: Part of the cost that is the logarithm of the determinant.
-    """
-
-    cost: float
-    values: Float
-    std: Float
-    unexplained: Float
-    surprise: float
-    freedom: float
+    cost: Annotated[
+        float, "Minus twice the logarithm of the marginal likelihood, but for a constant."
+    ]
+    values: Annotated[Float, "Of each column, in its unit."]
+    std: Annotated[Float, "Their standard deviations."]
+    unexplained: Annotated[
+        Float, "Share of each joint's torque variance, shape (n,); NaN where unknown."
+    ]
+    surprise: Annotated[
+        float,
+        "Squares of the errors of bodies, zeros and gains over their priors, summed, per one of "
+        "them that the recording determines. [-]",
+    ]
+    freedom: Annotated[float, "Part of the cost that is the logarithm of the determinant."]
 
 
 class TorqueFit:

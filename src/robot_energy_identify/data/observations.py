@@ -8,12 +8,14 @@ the same low-pass after, so that no filter shifts one against the other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import blake2b
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.data.signals import Channels, inside, later, standing
 from robot_energy_identify.dynamics.torque_model import TorqueModel
@@ -28,47 +30,37 @@ BY_ROW = ("regressor", "joint_torque", "used", "compared", "segment", "payload_t
 SHARE_OF_RATE = 0.2  # of the recording's rate that the filter of the positions may pass
 
 
-@dataclass(frozen=True)
-class Filters:
-    """How the channels are filtered.
+class Filters(Described):
+    """How the channels are filtered."""
 
-    Attributes:
-        cutoff: Of both sides of the equation. [Hz]
-        motion_cutoff: Of positions and torques before differentiating, at most a fifth of
-            the recording's rate. [Hz]
-        standing_velocity: Joint speed below which nothing counts as moving: friction is
-            then anything up to its Coulomb value. [rad/s] or [m/s]
-    """
+    cutoff: Annotated[float, "Of both sides of the equation. [Hz]"] = 10.0
+    motion_cutoff: Annotated[
+        float,
+        "Of positions and torques before differentiating, at most a fifth of the recording's "
+        "rate. [Hz]",
+    ] = 100.0
+    standing_velocity: Annotated[
+        float,
+        "Joint speed below which nothing counts as moving: friction is then anything up to its "
+        "Coulomb value. [rad/s] or [m/s]",
+    ] = 0.02
 
-    cutoff: float = 10.0
-    motion_cutoff: float = 100.0
-    standing_velocity: float = 0.02
 
-
-@dataclass(frozen=True)
-class Observations:
-    """Rows of the identification model, joint side.
-
-    Attributes:
-        regressor: Torque per unit of each parameter, shape (N, n, P).
-        joint_torque: Measured, payload taken off, shape (N, n). [N m] or [N]
-        used: Rows of each joint that are fitted: not standing, not at an end, shape (N, n).
-        compared: Rows away from the ends, standing or not, shape (N,).
-        segment: Which stretch of the recording a row is of, shape (N,).
-        rate: Rows per second. [Hz]
-        motion: The motion behind the rows, before the low-pass of both sides.
-        payload_torque: Taken off the measured torque, shape (N, n). [N m] or [N]
-    """
+class Observations(Described):
+    """Rows of the identification model, joint side."""
 
     names: tuple[str, ...]
-    regressor: Float
-    joint_torque: Float
-    used: NDArray[np.bool_]
-    compared: NDArray[np.bool_]
-    segment: Int
-    rate: float
-    motion: Trajectory
-    payload_torque: Float
+    regressor: Annotated[Float, "Torque per unit of each parameter, shape (N, n, P)."]
+    joint_torque: Annotated[Float, "Measured, payload taken off, shape (N, n). [N m] or [N]"]
+    used: Annotated[
+        NDArray[np.bool_],
+        "Rows of each joint that are fitted: not standing, not at an end, shape (N, n).",
+    ]
+    compared: Annotated[NDArray[np.bool_], "Rows away from the ends, standing or not, shape (N,)."]
+    segment: Annotated[Int, "Which stretch of the recording a row is of, shape (N,)."]
+    rate: Annotated[float, "Rows per second. [Hz]"]
+    motion: Annotated[Trajectory, "The motion behind the rows, before the low-pass of both sides."]
+    payload_torque: Annotated[Float, "Taken off the measured torque, shape (N, n). [N m] or [N]"]
 
     @property
     def duration(self) -> float:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.bag.reader import TimeRange
 from robot_energy.condition.learner import ConditionLearner
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, NotIdentifiableError
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
@@ -78,35 +80,32 @@ class MotionBlock(Block):
     motor_temperature_degc: Float
 
 
-@dataclass(frozen=True)
-class Recording:
-    """One recording, run through the stages with one model.
-
-    Attributes:
-        torque: Motion, rigid-body torque and measured torque of every sample.
-        power: Temperature, bus power and phase of the same samples, row by row.
-        origin: Where the recording comes from, as its writer said.
-        replay: The replay that gave it, with its accounting.
-        temperatures: As they came, for another model.
-        every: Of how many samples of the recording one is kept.
-        response: Of the meter that its readings are compared with.
-        known: What was compared already; None: computed when it is asked for.
-    """
+class Recording(Described):
+    """One recording, run through the stages with one model."""
 
     path: Path
     model: RobotModel
-    torque: TorqueBlock
-    power: PowerBlock
+    torque: Annotated[TorqueBlock, "Motion, rigid-body torque and measured torque of every sample."]
+    power: Annotated[
+        PowerBlock, "Temperature, bus power and phase of the same samples, row by row."
+    ]
     meter: MeterBlock | None
-    origin: str
+    origin: Annotated[str, "Where the recording comes from, as its writer said."]
     problems: tuple[str, ...]
-    known: tuple[Compared, ...] | None = None
+    known: Annotated[
+        tuple[Compared, ...] | None,
+        "What was compared already; None: computed when it is asked for.",
+    ] = None
     limits: MeterLimits = field(default_factory=MeterLimits)
-    replay: Replay | None = field(default=None, repr=False)
+    replay: Annotated[Replay | None, "The replay that gave it, with its accounting."] = field(
+        default=None, repr=False
+    )
     sensors: SensorLimits = DEFAULT_LIMITS
-    temperatures: TemperatureBlock | None = None
-    every: int = 1
-    response: MeterResponse | None = None
+    temperatures: Annotated[TemperatureBlock | None, "As they came, for another model."] = None
+    every: Annotated[int, "Of how many samples of the recording one is kept."] = 1
+    response: Annotated[
+        MeterResponse | None, "Of the meter that its readings are compared with."
+    ] = None
 
     def __len__(self) -> int:
         return len(self.torque)

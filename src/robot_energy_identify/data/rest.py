@@ -10,11 +10,12 @@ The first finds rest under noise, the second keeps a slow, steady motion apart f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_identify.check.evidence import velocity_noise
 from robot_energy_identify.data.recordings import Recording
@@ -61,17 +62,11 @@ def still_joints(recording: Recording) -> NDArray[np.bool_]:
     return still(block.stamp_ns, block.joint_velocity, standstill)
 
 
-@dataclass(frozen=True)
-class Rest:
-    """Stretches in which no joint moves.
+class Rest(Described):
+    """Stretches in which no joint moves."""
 
-    Attributes:
-        total: Time of all of them. [s]
-        longest: [s]
-    """
-
-    total: float
-    longest: float
+    total: Annotated[float, "Time of all of them. [s]"]
+    longest: Annotated[float, "[s]"]
     count: int
 
     def __str__(self) -> str:

@@ -7,11 +7,12 @@ off all channels with the same rows, so that no channel can be shifted against a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError, ShapeError
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy_plan.motion.sampled_motion import uniform
@@ -19,19 +20,12 @@ from robot_energy_plan.motion.sampled_motion import uniform
 MIN_DURATION = 1.0  # s: shorter stretches are left out
 
 
-@dataclass(frozen=True)
-class Channels:
-    """What one stretch of a recording gives, on a uniform grid in model joint order.
+class Channels(Described):
+    """What one stretch of a recording gives, on a uniform grid in model joint order."""
 
-    Attributes:
-        rate: Samples per second. [Hz]
-        joint_position: Shape (N, n). [rad] or [m]
-        motor_torque: Measured, motor side, shape (N, n). [N m]
-    """
-
-    rate: float
-    joint_position: Float
-    motor_torque: Float
+    rate: Annotated[float, "Samples per second. [Hz]"]
+    joint_position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
+    motor_torque: Annotated[Float, "Measured, motor side, shape (N, n). [N m]"]
 
     def __post_init__(self) -> None:
         if self.joint_position.shape != self.motor_torque.shape:

@@ -9,10 +9,11 @@ become as long as any other and count as a parameter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.stats.regression import independent, qr_r
 
@@ -21,23 +22,18 @@ SHOWN = 1e-6  # coefficients below are rounding
 INDEPENDENCE = 1e-6  # share of a column, at unit length, that others must leave unexplained
 
 
-@dataclass(frozen=True)
-class BaseParameters:
+class BaseParameters(Described):
     """Groups of standard parameters that the torque depends on.
 
     ``base = standard[independent] + relation @ standard[dependent]``.
-
-    Attributes:
-        names: Of all standard parameters, shape (P,).
-        independent: One parameter of each group, which names it, shape (B,).
-        dependent: The others; a column of zeros in ``relation`` has no effect, shape (D,).
-        relation: Shape (B, D).
     """
 
-    names: tuple[str, ...]
-    independent: Int
-    dependent: Int
-    relation: Float
+    names: Annotated[tuple[str, ...], "Of all standard parameters, shape (P,)."]
+    independent: Annotated[Int, "One parameter of each group, which names it, shape (B,)."]
+    dependent: Annotated[
+        Int, "The others; a column of zeros in ``relation`` has no effect, shape (D,)."
+    ]
+    relation: Annotated[Float, "Shape (B, D)."]
 
     def __len__(self) -> int:
         return len(self.independent)

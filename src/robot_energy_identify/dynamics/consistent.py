@@ -13,11 +13,11 @@ down directly.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float
@@ -30,17 +30,11 @@ MARGIN = 1e-6  # share of the prior that keeps a pseudo-inertia off the boundary
 INERTIA_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Ixx Ixy Iyy Ixz Iyz Izz
 
 
-@dataclass(frozen=True)
-class Prior:
-    """What is known before the fit.
+class Prior(Described):
+    """What is known before the fit."""
 
-    Attributes:
-        values: Shape (P,), links first.
-        std: How far off they may be, shape (P,); inf: nothing is known.
-    """
-
-    values: Float
-    std: Float
+    values: Annotated[Float, "Shape (P,), links first."]
+    std: Annotated[Float, "How far off they may be, shape (P,); inf: nothing is known."]
 
 
 def link_prior(link_parameters: Float, uncertainty: float) -> Prior:

@@ -8,12 +8,14 @@ on alone are grouped; what the recording does not excite is refused by name.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -70,53 +72,49 @@ MIN_NOISE = 1e-3  # of the torque: no model of a robot is truer than that
 UNCERTAINTY = 1.0  # of bodies of the URDF and rotors of the model file as a prior, share of each
 
 
-@dataclass(frozen=True)
-class DynamicsSettings:
-    """How to identify.
-
-    Attributes:
-        method: ``ols``, ``wls`` or ``irls``.
-        delay_span: Delays of the torque up to this are looked for, 0: none. [s]
-        offset: Of a torque channel as a prior: one standard deviation as a share of the
-            greatest torque measured on the axis. Assumed; what a current sensor may be off
-            by. Gravity that little motion does not distinguish from an offset stays gravity. [-]
-        seen: Rows that were made before, as of `observe`.
-    """
+class DynamicsSettings(Described):
+    """How to identify."""
 
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
-    method: Method = "wls"
+    method: Annotated[Method, "``ols``, ``wls`` or ``irls``."] = "wls"
     filters: Filters = field(default_factory=Filters)
-    delay_span: float = 0.005
-    offset: float = 0.01
+    delay_span: Annotated[float, "Delays of the torque up to this are looked for, 0: none. [s]"] = (
+        0.005
+    )
+    offset: Annotated[
+        float,
+        "Of a torque channel as a prior: one standard deviation as a share of the greatest torque "
+        "measured on the axis. Assumed; what a current sensor may be off by. Gravity that little "
+        "motion does not distinguish from an offset stays gravity. [-]",
+    ] = 0.01
     sensors: SensorLimits = DEFAULT_LIMITS
-    seen: Rows | None = field(default=None, repr=False)
+    seen: Annotated[Rows | None, "Rows that were made before, as of `observe`."] = field(
+        default=None, repr=False
+    )
 
 
-@dataclass(frozen=True)
-class Dynamics:
-    """What a recording says about a robot's dynamics.
-
-    Attributes:
-        base: Groups of parameters that torque determines.
-        in_sample: Torque error on the data of the fit; no measure of accuracy.
-        columns: Those that a model file can hold, and offsets.
-        standard: Physically consistent parameters of links and ``columns``.
-        exported: Least-squares fit of ``columns``, for the standard deviations.
-        poorly_known: Groups of which the recording determines less well than the prior: their 95 %
-            interval is wider than a body of that size makes likely.
-    """
+class Dynamics(Described):
+    """What a recording says about a robot's dynamics."""
 
     model: RobotModel
     settings: DynamicsSettings
-    base: BaseParameters
+    base: Annotated[BaseParameters, "Groups of parameters that torque determines."]
     fit: Fit
-    in_sample: TorqueError
+    in_sample: Annotated[
+        TorqueError, "Torque error on the data of the fit; no measure of accuracy."
+    ]
     delay: Delay
-    columns: tuple[ParameterColumn, ...]
-    standard: Float
-    exported: Fit
+    columns: Annotated[
+        tuple[ParameterColumn, ...], "Those that a model file can hold, and offsets."
+    ]
+    standard: Annotated[Float, "Physically consistent parameters of links and ``columns``."]
+    exported: Annotated[Fit, "Least-squares fit of ``columns``, for the standard deviations."]
     exported_base: BaseParameters
-    poorly_known: tuple[str, ...]
+    poorly_known: Annotated[
+        tuple[str, ...],
+        "Groups of which the recording determines less well than the prior: their 95 % interval "
+        "is wider than a body of that size makes likely.",
+    ]
     notes: tuple[str, ...]
     observations: Observations
 

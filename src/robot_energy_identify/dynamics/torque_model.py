@@ -12,12 +12,12 @@ coupling is part of every column, and a motor-side parameter follows by powers o
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure, Tag
@@ -36,17 +36,11 @@ BOUND = 1e-3  # standard deviations: below, the solver has stopped at 0 but for 
 SMOOTH_VELOCITY = 0.01  # at the joint [rad/s] or [m/s]
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """One identified number on its way into a model file.
+class Estimate(Described):
+    """One identified number on its way into a model file."""
 
-    Attributes:
-        value: At the joint, in the column's unit.
-        std: Same unit; None where it is not known on its own.
-    """
-
-    value: float
-    std: float | None
+    value: Annotated[float, "At the joint, in the column's unit."]
+    std: Annotated[float | None, "Same unit; None where it is not known on its own."]
     tag: Tag
     source: str
 
@@ -66,28 +60,28 @@ def _itself(values: Float) -> Float:
     return values
 
 
-@dataclass(frozen=True)
-class ParameterColumn:
+class ParameterColumn(Described):
     """One kind of column: one parameter per motor, coupled joint, torque sensor or counterbalance.
 
     A motor that another joint turns along (coupled wrist) has friction and inertia of its own
     speed; the last gear and the bearings behind it have those of the joint. Model files know
     friction of motors only.
-
-    Attributes:
-        shape: Torque per unit of the parameter at these values, shape (N, K) to (N, K).
-        at: Joints with a counterbalance, which own it.
-        written: Puts a parameter into the entry of a model file: entry, gear ratio [-],
-            estimate; None where such a file has no place for it.
     """
 
     kind: str
     unit: str
     follows: Literal["joint_position", "joint_velocity", "joint_acceleration"] = "joint_velocity"
-    shape: Callable[[Float], Float] = _itself
+    shape: Annotated[
+        Callable[[Float], Float],
+        "Torque per unit of the parameter at these values, shape (N, K) to (N, K).",
+    ] = _itself
     owner: Literal["motor", "coupled_joint", "sensor", "counterbalance"] = "motor"
-    written: Callable[[Joint, float, Estimate], Joint] | None = None
-    at: tuple[int, ...] = ()
+    written: Annotated[
+        Callable[[Joint, float, Estimate], Joint] | None,
+        "Puts a parameter into the entry of a model file: entry, gear ratio [-], estimate; None "
+        "where such a file has no place for it.",
+    ] = None
+    at: Annotated[tuple[int, ...], "Joints with a counterbalance, which own it."] = ()
 
     @property
     def positive(self) -> bool:
@@ -220,16 +214,11 @@ def _with_friction(joint: Joint, **entries: Any) -> Joint:
     return joint.model_copy(update={"friction": joint.friction.model_copy(update=entries)})
 
 
-@dataclass(frozen=True)
-class TorqueModel:
-    """``joint_torque = regressor(motion) . parameters`` (paper B, eq. 18).
-
-    Attributes:
-        transmission: Motor turns per joint turn, shape (n, n). [-]
-    """
+class TorqueModel(Described):
+    """``joint_torque = regressor(motion) . parameters`` (paper B, eq. 18)."""
 
     robot: Robot
-    transmission: Float
+    transmission: Annotated[Float, "Motor turns per joint turn, shape (n, n). [-]"]
     columns: tuple[ParameterColumn, ...]
 
     @classmethod

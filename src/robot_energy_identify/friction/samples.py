@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.equations import viscous_velocity
@@ -33,53 +34,58 @@ BY_SAMPLE = ("motor_velocity", "friction_torque", "motor_temperature_degc")
 STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is not a steady motion
 
 
-@dataclass(frozen=True)
-class FrictionData:
-    """What the fit of one axis sees, motor side. Samples at rest are left out by the fit.
-
-    Attributes:
-        motor_velocity: Shape (N,). [rad/s]
-        friction_torque: Measured minus rigid-body motor torque, shape (N,). [N m], or the
-            unit of a relative measurement such as ampere.
-        motor_temperature_degc: At each sample, shape (N,). [degC]
-        block: Contiguous block of each sample, shape (N,).
-        run: Number of the recording, or of the run inside a log, of each sample, shape (N,).
-        nuisance: Further columns whose coefficients are fitted and thrown away, such as
-            what gravity does to an axis whose bodies are not modelled, shape (N, K).
-        smooth_velocity: w0 of the smooth sign ``tanh(w/w0)``; 0 for the plain sign. [rad/s]
-        changes: Of the friction torque by one standard deviation of a constant error, by its
-            cause, shape (N,) each. [N m]
-        thermometer: Standard deviation of the offset of the motor temperature. [K]
-        stamp_ns: Of each sample, shape (N,); empty for a log, whose gears are not identified.
-            [ns]
-        load: Size of the rigid motor torque, shape (N,); empty where bodies are not modelled.
-            [N m]
-        saturation: Load beyond which friction by load, the first nuisance, rises no further; NaN
-            where it is none of them. [N m]
-        exponent: Of the speed in viscous friction. [-]
-        exponent_velocity: At which it changes nothing. [rad/s]
-        exponent_free: Whether the last nuisance is the change of friction by the exponent.
-        deviations: Whether a fit of it needs them, or only predicts what was held out.
-    """
+class FrictionData(Described):
+    """What the fit of one axis sees, motor side. Samples at rest are left out by the fit."""
 
     name: str
-    motor_velocity: Float
-    friction_torque: Float
-    motor_temperature_degc: Float
-    block: Int
-    run: Int
-    nuisance: Float
-    smooth_velocity: float = 0.0
-    changes: Mapping[str, Float] = field(default_factory=dict[str, Float])
-    thermometer: float = 0.0
-    stamp_ns: Int = field(default_factory=partial(np.empty, 0, dtype=np.int64))
+    motor_velocity: Annotated[Float, "Shape (N,). [rad/s]"]
+    friction_torque: Annotated[
+        Float,
+        "Measured minus rigid-body motor torque, shape (N,). [N m], or the unit of a relative "
+        "measurement such as ampere.",
+    ]
+    motor_temperature_degc: Annotated[Float, "At each sample, shape (N,). [degC]"]
+    block: Annotated[Int, "Contiguous block of each sample, shape (N,)."]
+    run: Annotated[
+        Int, "Number of the recording, or of the run inside a log, of each sample, shape (N,)."
+    ]
+    nuisance: Annotated[
+        Float,
+        "Further columns whose coefficients are fitted and thrown away, such as what gravity does "
+        "to an axis whose bodies are not modelled, shape (N, K).",
+    ]
+    smooth_velocity: Annotated[
+        float, "w0 of the smooth sign ``tanh(w/w0)``; 0 for the plain sign. [rad/s]"
+    ] = 0.0
+    changes: Annotated[
+        Mapping[str, Float],
+        "Of the friction torque by one standard deviation of a constant error, by its cause, "
+        "shape (N,) each. [N m]",
+    ] = field(default_factory=dict[str, Float])
+    thermometer: Annotated[
+        float, "Standard deviation of the offset of the motor temperature. [K]"
+    ] = 0.0
+    stamp_ns: Annotated[
+        Int, "Of each sample, shape (N,); empty for a log, whose gears are not identified. [ns]"
+    ] = field(default_factory=partial(np.empty, 0, dtype=np.int64))
     method: Method = "irls"
-    load: Float = field(default_factory=partial(np.empty, 0))
-    saturation: float = float("nan")
-    exponent: float = 1.0
-    exponent_velocity: float = 1.0
-    exponent_free: bool = False
-    deviations: bool = True
+    load: Annotated[
+        Float,
+        "Size of the rigid motor torque, shape (N,); empty where bodies are not modelled. [N m]",
+    ] = field(default_factory=partial(np.empty, 0))
+    saturation: Annotated[
+        float,
+        "Load beyond which friction by load, the first nuisance, rises no further; NaN where it "
+        "is none of them. [N m]",
+    ] = float("nan")
+    exponent: Annotated[float, "Of the speed in viscous friction. [-]"] = 1.0
+    exponent_velocity: Annotated[float, "At which it changes nothing. [rad/s]"] = 1.0
+    exponent_free: Annotated[
+        bool, "Whether the last nuisance is the change of friction by the exponent."
+    ] = False
+    deviations: Annotated[
+        bool, "Whether a fit of it needs them, or only predicts what was held out."
+    ] = True
 
     def __len__(self) -> int:
         return len(self.motor_velocity)

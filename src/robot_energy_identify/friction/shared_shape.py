@@ -13,10 +13,12 @@ is a prior, stated with its spread over the axes that it comes from; no law is l
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ExponentialLaw
@@ -36,29 +38,17 @@ MAX_SPREAD = 0.25  # of g over its lenders: beyond it they have no common shape
 GRID = 25
 
 
-@dataclass(frozen=True)
-class TemperatureShape:
-    """The common shape of several axes.
+class TemperatureShape(Described):
+    """The common shape of several axes."""
 
-    Attributes:
-        hot: h, share of the hot limit in the friction at ``reference_degc``. [-]
-        scale: c. [K]
-        scale_std: Standard deviation of c over the axes. [K]
-        ratio: a / b of the exponential law. [-]
-        ratio_std: Standard deviation of a / b over the axes. [-]
-        reference_degc: T0. [degC]
-        range_degc: Temperatures behind it. [degC]
-        spread: Root mean square by which the axes differ from g, relative. [-]
-    """
-
-    hot: float
-    scale: float
-    scale_std: float
-    ratio: float
-    ratio_std: float
-    reference_degc: float
-    range_degc: tuple[float, float]
-    spread: float
+    hot: Annotated[float, "h, share of the hot limit in the friction at ``reference_degc``. [-]"]
+    scale: Annotated[float, "c. [K]"]
+    scale_std: Annotated[float, "Standard deviation of c over the axes. [K]"]
+    ratio: Annotated[float, "a / b of the exponential law. [-]"]
+    ratio_std: Annotated[float, "Standard deviation of a / b over the axes. [-]"]
+    reference_degc: Annotated[float, "T0. [degC]"]
+    range_degc: Annotated[tuple[float, float], "Temperatures behind it. [degC]"]
+    spread: Annotated[float, "Root mean square by which the axes differ from g, relative. [-]"]
     lenders: tuple[str, ...]
 
     def at(self, degc: Float) -> Float:
@@ -196,19 +186,15 @@ def share_shape(
     try:
         shape = common_shape([fit for fit in fits if fit.name not in poor])
     except NotIdentifiableError as error:
-        return [
-            _said(fit, f"the shape of the others is not taken: {error}")
-            if fit.name in poor
-            else fit
-            for fit in fits
-        ]
+        return [_kept(fit, str(error)) if fit.name in poor else fit for fit in fits]
     return [
         _borrowed(fit, poor[fit.name], shape, source) if fit.name in poor else fit for fit in fits
     ]
 
 
-def _said(fit: FrictionFit, text: str) -> FrictionFit:
-    return replace(fit, warnings=(*fit.warnings, f"{fit.name}: {text}"))
+def _kept(fit: FrictionFit, why: str) -> FrictionFit:
+    note = f"{fit.name}: the shape of the others is not taken: {why}"
+    return replace(fit, warnings=(*fit.warnings, note))
 
 
 def _borrowed(
@@ -219,13 +205,9 @@ def _borrowed(
         fold = folds_of_axis(data)[1]
         error = held_out_law(lambda part: fit_shared(part, shape), data, fold)
     except NotIdentifiableError as problem:
-        return _said(fit, f"the shape of the others is not taken: {problem.found}")
+        return _kept(fit, problem.found)
     if error.rms > fit.errors[fit.chosen].rms / GAIN:
-        return _said(
-            fit,
-            "the shape of the others is not taken: it predicts held-out torque worse "
-            "than the axis's own law",
-        )
+        return _kept(fit, "it predicts held-out torque worse than the axis's own law")
     return replace(
         fit,
         coulomb=float(found.values[0]),

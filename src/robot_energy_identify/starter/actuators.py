@@ -10,9 +10,11 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.shown_text import shown
 from robot_energy.physics.urdf.limits import first_names
 
@@ -23,21 +25,13 @@ MIN_EQUAL = 3
 """So many joints of different strength do not have the same friction: a simulation's default."""
 
 
-@dataclass(frozen=True)
-class Actuator:
-    """Drive of one joint as far as the URDF states it; None where it does not.
+class Actuator(Described):
+    """Drive of one joint as far as the URDF states it; None where it does not."""
 
-    Attributes:
-        gear_ratio: Motor turns per joint turn, signed. [-] or [rad/m]
-        rotor_inertia: Motor side. [kg m^2]
-        damping: Viscous friction, joint side. [N m s/rad] or [N s/m]
-        friction: Coulomb friction, joint side. [N m] or [N]
-    """
-
-    gear_ratio: float | None = None
-    rotor_inertia: float | None = None
-    damping: float | None = None
-    friction: float | None = None
+    gear_ratio: Annotated[float | None, "Motor turns per joint turn, signed. [-] or [rad/m]"] = None
+    rotor_inertia: Annotated[float | None, "Motor side. [kg m^2]"] = None
+    damping: Annotated[float | None, "Viscous friction, joint side. [N m s/rad] or [N s/m]"] = None
+    friction: Annotated[float | None, "Coulomb friction, joint side. [N m] or [N]"] = None
 
 
 @dataclass

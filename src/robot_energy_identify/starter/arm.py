@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
@@ -33,21 +35,14 @@ GIVEN = "limit of the URDF"
 WHEELS = ("wheel", "caster", "castor")  # in names of joints
 
 
-@dataclass(frozen=True)
-class ArmJoint:
-    """One joint of the first model, joint side.
-
-    Attributes:
-        effort: Largest torque or force. [N m] or [N]
-        effort_source: `GIVEN`, or why another value was taken.
-        velocity: Largest speed. [rad/s] or [m/s]
-    """
+class ArmJoint(Described):
+    """One joint of the first model, joint side."""
 
     name: str
     prismatic: bool
-    effort: float
-    effort_source: str
-    velocity: float
+    effort: Annotated[float, "Largest torque or force. [N m] or [N]"]
+    effort_source: Annotated[str, "`GIVEN`, or why another value was taken."]
+    velocity: Annotated[float, "Largest speed. [rad/s] or [m/s]"]
     velocity_source: str
     actuator: Actuator
 
@@ -141,26 +136,21 @@ def _needed_effort(robot: Robot, acceleration: Float) -> Float:
     return np.maximum(needed, 0.1)
 
 
-@dataclass(frozen=True)
-class Arm:
-    """What a first model needs to know of a URDF.
-
-    Attributes:
-        left_out: Moving joints that are not modelled, and why.
-        massless_links: Links that move without inertia of their own or of their body.
-        moving_mass: Of everything that moves. [kg]
-        robot_class: The class it was given, or taken for.
-        remarks: What the user should look at, a sentence each.
-    """
+class Arm(Described):
+    """What a first model needs to know of a URDF."""
 
     robot_name: str
     joints: tuple[ArmJoint, ...]
-    left_out: tuple[tuple[str, str], ...]
-    massless_links: tuple[str, ...]
-    moving_mass: float
-    robot_class: RobotClass
+    left_out: Annotated[
+        tuple[tuple[str, str], ...], "Moving joints that are not modelled, and why."
+    ]
+    massless_links: Annotated[
+        tuple[str, ...], "Links that move without inertia of their own or of their body."
+    ]
+    moving_mass: Annotated[float, "Of everything that moves. [kg]"]
+    robot_class: Annotated[RobotClass, "The class it was given, or taken for."]
     class_source: str
-    remarks: tuple[str, ...]
+    remarks: Annotated[tuple[str, ...], "What the user should look at, a sentence each."]
 
     @property
     def peak_power(self) -> float:

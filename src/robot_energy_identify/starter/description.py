@@ -5,14 +5,15 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import which
-from typing import Any
+from typing import Annotated, Any
 
 from robot_energy.bag import BagReader
 from robot_energy.foundation.config_file import read_text
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, RobotDescriptionError
 from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.foundation.shown_text import shown
@@ -25,20 +26,18 @@ MAX_REASON = 600  # characters of what xacro prints
 _STRING = "std_msgs/msg/String"
 
 
-@dataclass(frozen=True)
-class RobotText:
-    """A URDF and where it comes from.
-
-    Attributes:
-        origin: In words, for comments and messages.
-        path: The file, if it can be named in a model file; None if the text must be embedded.
-        joint_names: Joints that a bag has joint states of; empty if unknown.
-    """
+class RobotText(Described):
+    """A URDF and where it comes from."""
 
     xml: str
-    origin: str
-    path: Path | None = None
-    joint_names: tuple[str, ...] = field(default=())
+    origin: Annotated[str, "In words, for comments and messages."]
+    path: Annotated[
+        Path | None,
+        "The file, if it can be named in a model file; None if the text must be embedded.",
+    ] = None
+    joint_names: Annotated[
+        tuple[str, ...], "Joints that a bag has joint states of; empty if unknown."
+    ] = field(default=())
 
 
 def read_description(source: str | Path, arguments: Sequence[str] = ()) -> RobotText:

@@ -15,7 +15,9 @@ The sources of the shares stand in ``src/doc/priors.md``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
+
+from robot_energy.foundation.described import Described
 
 # Shape of viscous friction over temperature: fv(T) = fv(20) (A + B exp(-T / C)), T in degC.
 SHAPE_A = 0.206
@@ -23,59 +25,44 @@ SHAPE_B = 2.089
 SHAPE_C = 20.71  # [K]
 
 
-@dataclass(frozen=True)
-class Share:
-    """One prior.
-
-    Attributes:
-        spread: Standard deviation, as a share of the value.
-    """
+class Share(Described):
+    """One prior."""
 
     value: float
-    spread: float
+    spread: Annotated[float, "Standard deviation, as a share of the value."]
 
 
-@dataclass(frozen=True)
-class RobotClass:
-    """Priors of one class of robots.
-
-    Attributes:
-        gear_ratio: Motor turns per joint turn, where the URDF has no transmission. [-]
-        max_motor_velocity: Motor speed at the joint's velocity limit; if given, the gear
-            ratio is this over the limit. [rad/s]
-        velocity: Velocity limit of a rotary joint where the URDF has none. [rad/s]
-        rise_time: Time to full speed, for an effort limit where the URDF has none. [s]
-        viscous: Viscous friction at full speed and 20 degC over the effort limit.
-        rotor: Time in which full effort brings the rotor alone to full speed. [s]
-        copper: Copper loss at full effort over the peak power of the joint.
-        constant: Loss of the idle drive over the peak power of the joint.
-        linear: Loss in proportion to speed, at full speed, over the peak power.
-        quadratic: Loss in proportion to speed squared, at full speed, over the peak power.
-        loss_grid: Controller, fans and supply, before the DC link. [W]
-        loss_grid_share: The same, over the sum of the joints' peak powers.
-        loss_dc: Electronics and released brakes on the DC link. [W]
-        loss_dc_share: The same, over the sum of the peak powers.
-        fitted_degc: Range of the friction law. [degC]
-    """
+class RobotClass(Described):
+    """Priors of one class of robots."""
 
     name: str
     label: str
-    gear_ratio: Share
-    max_motor_velocity: float | None
-    velocity: Share
-    rise_time: float
+    gear_ratio: Annotated[
+        Share, "Motor turns per joint turn, where the URDF has no transmission. [-]"
+    ]
+    max_motor_velocity: Annotated[
+        float | None,
+        "Motor speed at the joint's velocity limit; if given, the gear ratio is this over the "
+        "limit. [rad/s]",
+    ]
+    velocity: Annotated[Share, "Velocity limit of a rotary joint where the URDF has none. [rad/s]"]
+    rise_time: Annotated[
+        float, "Time to full speed, for an effort limit where the URDF has none. [s]"
+    ]
     coulomb: Share
-    viscous: Share
-    rotor: Share
-    copper: Share
-    constant: Share
-    linear: Share
-    quadratic: Share
-    loss_grid: Share
-    loss_grid_share: float
-    loss_dc: Share
-    loss_dc_share: float
-    fitted_degc: tuple[float, float]
+    viscous: Annotated[Share, "Viscous friction at full speed and 20 degC over the effort limit."]
+    rotor: Annotated[Share, "Time in which full effort brings the rotor alone to full speed. [s]"]
+    copper: Annotated[Share, "Copper loss at full effort over the peak power of the joint."]
+    constant: Annotated[Share, "Loss of the idle drive over the peak power of the joint."]
+    linear: Annotated[Share, "Loss in proportion to speed, at full speed, over the peak power."]
+    quadratic: Annotated[
+        Share, "Loss in proportion to speed squared, at full speed, over the peak power."
+    ]
+    loss_grid: Annotated[Share, "Controller, fans and supply, before the DC link. [W]"]
+    loss_grid_share: Annotated[float, "The same, over the sum of the joints' peak powers."]
+    loss_dc: Annotated[Share, "Electronics and released brakes on the DC link. [W]"]
+    loss_dc_share: Annotated[float, "The same, over the sum of the peak powers."]
+    fitted_degc: Annotated[tuple[float, float], "Range of the friction law. [degC]"]
 
 
 CLASSES = {

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import field
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError, check_shape
 from robot_energy.timeline.blocks import Float, Int
 
@@ -35,32 +36,32 @@ CONFIDENCE = 0.95  # of the intervals at which Student's t and a normal distribu
 SCATTER = "scatter"  # the part of a deviation that recordings show themselves
 
 
-@dataclass(frozen=True)
-class Fit:
-    """Parameters of ``target = columns . values`` and how well they are known.
-
-    Attributes:
-        values: Shape (P,).
-        covariance: Of the values as if they were normally distributed, shape (P, P).
-        independent: Number of independent rows of each target, or of blocks, shape (n,).
-        degrees: Of freedom, of the scatter.
-        residual: Target less fitted, shape (N,) or (N, n).
-        weight: On each row in the fit, 0 where unused, same shape. [1/unit of the target]
-        parts: Deviations of the parameters by cause, shape (P,) each; their squares add up to
-            the diagonal of the covariance.
-        moves: Of the parameters by one deviation of each constant error, by cause, shape
-            (P, errors) each.
-    """
+class Fit(Described):
+    """Parameters of ``target = columns . values`` and how well they are known."""
 
     names: tuple[str, ...]
-    values: Float
-    covariance: Float
-    independent: Float
-    degrees: float
-    residual: Float
-    weight: Float
-    parts: Mapping[str, Float] = field(default_factory=dict[str, Float])
-    moves: Mapping[str, Float] = field(default_factory=dict[str, Float])
+    values: Annotated[Float, "Shape (P,)."]
+    covariance: Annotated[
+        Float, "Of the values as if they were normally distributed, shape (P, P)."
+    ]
+    independent: Annotated[
+        Float, "Number of independent rows of each target, or of blocks, shape (n,)."
+    ]
+    degrees: Annotated[float, "Of freedom, of the scatter."]
+    residual: Annotated[Float, "Target less fitted, shape (N,) or (N, n)."]
+    weight: Annotated[
+        Float, "On each row in the fit, 0 where unused, same shape. [1/unit of the target]"
+    ]
+    parts: Annotated[
+        Mapping[str, Float],
+        "Deviations of the parameters by cause, shape (P,) each; their squares add up to the "
+        "diagonal of the covariance.",
+    ] = field(default_factory=dict[str, Float])
+    moves: Annotated[
+        Mapping[str, Float],
+        "Of the parameters by one deviation of each constant error, by cause, shape (P, errors) "
+        "each.",
+    ] = field(default_factory=dict[str, Float])
 
     def errors(self) -> dict[str, Float]:
         """Return independent errors of the parameters by cause, those of the scatter too.

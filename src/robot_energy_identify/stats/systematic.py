@@ -9,12 +9,14 @@ dy, so one refit gives the deviation that one error leaves in every figure.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import exp, isfinite, pi, sqrt
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.certainty.band import Z95
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.stats.regression import CHUNK, CONFIDENCE, Fit
@@ -28,24 +30,20 @@ Changes = Mapping[str, Sequence[Float]]
 """Change of a target by one standard deviation of each of several independent errors, by cause."""
 
 
-@dataclass(frozen=True)
-class SensorLimits:
-    """Limits of constant errors of the sensors, and of bodies that are given, +-.
+class SensorLimits(Described):
+    """Limits of constant errors of the sensors, and of bodies that are given, +-."""
 
-    Attributes:
-        meter: Of the gain of the power meter: class 1 of IEC 62053-21. [-]
-        torque: Of each torque constant, or gain of a torque sensor: usual in data sheets of
-            servo motors. [-]
-        thermometer: Of a motor temperature: usual for sensors in windings. [K]
-        bodies: Of the torque by which given bodies load a joint. [-]
-        drive_power: Of the gain of each drive's own power reading. [-]
-    """
-
-    meter: float = 0.01
-    torque: float = 0.05
-    thermometer: float = 2.0
-    bodies: float = 0.05
-    drive_power: float = 0.02
+    meter: Annotated[float, "Of the gain of the power meter: class 1 of IEC 62053-21. [-]"] = 0.01
+    torque: Annotated[
+        float,
+        "Of each torque constant, or gain of a torque sensor: usual in data sheets of servo "
+        "motors. [-]",
+    ] = 0.05
+    thermometer: Annotated[float, "Of a motor temperature: usual for sensors in windings. [K]"] = (
+        2.0
+    )
+    bodies: Annotated[float, "Of the torque by which given bodies load a joint. [-]"] = 0.05
+    drive_power: Annotated[float, "Of the gain of each drive's own power reading. [-]"] = 0.02
 
     def __post_init__(self) -> None:
         for name, value in self.__dict__.items():

@@ -8,13 +8,14 @@ power of each gear. The law of friction stays as it is.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.condition.thermal_state import WINDOW
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import JointGear
 from robot_energy.physics.friction import FrictionModel
@@ -39,24 +40,18 @@ PASSES = 3
 OFFSET_SHARE = 0.03  # of the measured power, by which the constants of the model may be off
 
 
-@dataclass(frozen=True)
-class _Metered:
-    """One recording of a robot with a power meter, in windows of 10 s.
+class _Metered(Described):
+    """One recording of a robot with a power meter, in windows of 10 s."""
 
-    Attributes:
-        friction_power: Mean of each joint, by the model, shape (N, n). [W]
-        motor_temperature_degc: Shape (N, n). [degC]
-        squares: Integral of the motor velocity times what viscous friction is in proportion to,
-            where the meter sees it, shape (N, n).
-        residual: Measured less predicted energy, shape (N,). [J]
-        measured: Measured energy, shape (N,). [J]
-    """
-
-    friction_power: Float
-    motor_temperature_degc: Float
-    squares: Float
-    residual: Float
-    measured: Float
+    friction_power: Annotated[Float, "Mean of each joint, by the model, shape (N, n). [W]"]
+    motor_temperature_degc: Annotated[Float, "Shape (N, n). [degC]"]
+    squares: Annotated[
+        Float,
+        "Integral of the motor velocity times what viscous friction is in proportion to, where "
+        "the meter sees it, shape (N, n).",
+    ]
+    residual: Annotated[Float, "Measured less predicted energy, shape (N,). [J]"]
+    measured: Annotated[Float, "Measured energy, shape (N,). [J]"]
 
 
 class _Robot:

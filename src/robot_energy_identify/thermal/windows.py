@@ -6,13 +6,14 @@ A window lasts 10 s, or a sixtieth of a run that lasts less than 10 min, as a sm
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from robot_energy.condition.thermal_state import WINDOW
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
@@ -26,31 +27,27 @@ SHORTEST = 1.0  # s, where it is as long as sixty of these
 MAX_GAP = 600.0  # s without samples, beyond which another run begins
 
 
-@dataclass(frozen=True)
-class ThermalRun:
-    """One motor during one run, in windows; those without samples have no heat.
+class ThermalRun(Described):
+    """One motor during one run, in windows; those without samples have no heat."""
 
-    Attributes:
-        time: Start of each window, shape (N,). [s]
-        drive_heat: Mean loss of motor and inverter, shape (N,). [W], or of a log the squared
-            motor current. [A^2]
-        friction_heat: Mean friction power, shape (N,). [W]
-        awake: Share of the window with samples, shape (N,). [-]
-        motor_temperature_degc: Last reading in the window, NaN for none, shape (N,). [degC]
-        start_degc: First reading. [degC]
-        window: Length of a window. [s]
-        age: Of the reading at the end of its window, as a share of the window; empty: 0, shape
-            (N,). [-]
-    """
-
-    time: Float
-    drive_heat: Float
-    friction_heat: Float
-    awake: Float
-    motor_temperature_degc: Float
-    start_degc: float
-    window: float = WINDOW
-    age: Float = field(default_factory=partial(np.empty, 0))
+    time: Annotated[Float, "Start of each window, shape (N,). [s]"]
+    drive_heat: Annotated[
+        Float,
+        "Mean loss of motor and inverter, shape (N,). [W], or of a log the squared motor current. "
+        "[A^2]",
+    ]
+    friction_heat: Annotated[Float, "Mean friction power, shape (N,). [W]"]
+    awake: Annotated[Float, "Share of the window with samples, shape (N,). [-]"]
+    motor_temperature_degc: Annotated[
+        Float, "Last reading in the window, NaN for none, shape (N,). [degC]"
+    ]
+    start_degc: Annotated[float, "First reading. [degC]"]
+    window: Annotated[float, "Length of a window. [s]"] = WINDOW
+    age: Annotated[
+        Float,
+        "Of the reading at the end of its window, as a share of the window; empty: 0, shape (N,). "
+        "[-]",
+    ] = field(default_factory=partial(np.empty, 0))
 
     def __len__(self) -> int:
         return len(self.time)

@@ -9,9 +9,10 @@ listed and left out; what could move the tool elsewhere is refused with its line
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.files.regular_file import read_regular
 from robot_energy_plan.motion.gcode_flavors import ACCELERATIONS, FoundFlavor, flavor_of
@@ -27,20 +28,18 @@ RAPID_SPEED = 0.25  # m/s, assumed: programs do not state it
 BINARY = b"GCDE"  # first bytes of binary G-code
 
 
-@dataclass(frozen=True)
-class GcodeProgram:
-    """Content of a program.
-
-    Attributes:
-        unknown: Codes without meaning here and how often they stood in the program.
-        accelerations: Whether the program states accelerations, which are not followed.
-    """
+class GcodeProgram(Described):
+    """Content of a program."""
 
     path: ToolPath
     notes: tuple[str, ...]
-    unknown: dict[str, int]
+    unknown: Annotated[
+        dict[str, int], "Codes without meaning here and how often they stood in the program."
+    ]
     flavor: FoundFlavor
-    accelerations: bool
+    accelerations: Annotated[
+        bool, "Whether the program states accelerations, which are not followed."
+    ]
 
 
 def load_gcode(

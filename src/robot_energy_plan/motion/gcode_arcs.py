@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion.tool_path import CLOSED, HORIZONTAL, Plane, Point
 
@@ -19,19 +20,12 @@ ARC_SLACK = 1e-5  # m, by which the radii of an arc's ends may differ
 ARC_SHARE = 1e-3  # and this share of the radius
 
 
-@dataclass(frozen=True)
-class ArcShape:
-    """The shape of an arc.
+class ArcShape(Described):
+    """The shape of an arc."""
 
-    Attributes:
-        centre: Its axis in the plane. [m]
-        angle: Swept, positive from the first axis of the plane to the second. [rad]
-        end: Where it ends: the programmed place, moved onto the circle. [m]
-    """
-
-    centre: Flat
-    angle: float
-    end: Point
+    centre: Annotated[Flat, "Its axis in the plane. [m]"]
+    angle: Annotated[float, "Swept, positive from the first axis of the plane to the second. [rad]"]
+    end: Annotated[Point, "Where it ends: the programmed place, moved onto the circle. [m]"]
 
 
 def arc_shape(

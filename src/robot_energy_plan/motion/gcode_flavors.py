@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
@@ -20,29 +20,29 @@ IN_MILLISECONDS = (("P", 1e-3),)
 IN_SECONDS = (("P", 1.0),)
 
 
-@dataclass(frozen=True)
-class Flavor:
-    """How a machine takes G-code.
-
-    Attributes:
-        printer: Whether it is a printer, with an extruder E and the words of printers.
-        rapid_at_feed: Whether G0 moves at the last F, as G1; else at a rapid speed of its own.
-        dwell: Time of one unit of each word of G4; the first that stands there counts. [s]
-        extruder_follows: Whether G90 and G91 count for E too.
-        max_feed: Speed of one unit of M203; None where M203 is unknown. [m/s]
-        turns: Whether P of an arc is its number of turns.
-        named: Whether there are commands with names instead of a letter and a number.
-    """
+class Flavor(Described):
+    """How a machine takes G-code."""
 
     title: str
-    printer: bool = True
-    rapid_at_feed: bool = True
-    dwell: tuple[tuple[str, float], ...] = IN_BOTH
-    extruder_follows: bool = False
+    printer: Annotated[
+        bool, "Whether it is a printer, with an extruder E and the words of printers."
+    ] = True
+    rapid_at_feed: Annotated[
+        bool, "Whether G0 moves at the last F, as G1; else at a rapid speed of its own."
+    ] = True
+    dwell: Annotated[
+        tuple[tuple[str, float], ...],
+        "Time of one unit of each word of G4; the first that stands there counts. [s]",
+    ] = IN_BOTH
+    extruder_follows: Annotated[bool, "Whether G90 and G91 count for E too."] = False
     inches: bool = True
-    max_feed: float | None = None
-    turns: bool = False
-    named: bool = False
+    max_feed: Annotated[
+        float | None, "Speed of one unit of M203; None where M203 is unknown. [m/s]"
+    ] = None
+    turns: Annotated[bool, "Whether P of an arc is its number of turns."] = False
+    named: Annotated[
+        bool, "Whether there are commands with names instead of a letter and a number."
+    ] = False
 
 
 FLAVORS: Mapping[str, Flavor] = MappingProxyType(

@@ -9,12 +9,12 @@ differ there, so it is noted.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Float, Int
@@ -28,24 +28,17 @@ MAX_VALUE = 1e6  # of any number
 SAME_TIME, SAME_PLACE = 1e-6, 1e-5  # s, rad or m: a robot is in one place within a microsecond
 
 
-@dataclass(frozen=True)
-class PointColumns:
+class PointColumns(Described):
     """Points of a ``trajectory_msgs/msg/JointTrajectory``, not checked yet.
 
     Each column is the lengths of its rows, shape (K,), and their figures one after the other.
-
-    Attributes:
-        time: Of the points, shape (K,). [s]
-        positions: [rad] or [m]
-        velocities: [rad/s] or [m/s]
-        accelerations: [rad/s^2] or [m/s^2]
     """
 
     joint_names: tuple[str, ...]
-    time: Float
-    positions: Rows
-    velocities: Rows
-    accelerations: Rows
+    time: Annotated[Float, "Of the points, shape (K,). [s]"]
+    positions: Annotated[Rows, "[rad] or [m]"]
+    velocities: Annotated[Rows, "[rad/s] or [m/s]"]
+    accelerations: Annotated[Rows, "[rad/s^2] or [m/s^2]"]
 
     @classmethod
     def of(cls, message: Any) -> PointColumns:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError, RobotDescriptionError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
@@ -29,52 +31,42 @@ BENT = 0.6  # rad: a joint that would start in the middle of its range, stretche
 TOOL_DOWN = np.diag([1.0, -1.0, -1.0])  # z of the tool points down, its x forward
 
 
-@dataclass(frozen=True)
-class ToolOptions:
-    """What a G-code program or a shape does not state.
+class ToolOptions(Described):
+    """What a G-code program or a shape does not state."""
 
-    Attributes:
-        link: The tool's frame in the URDF.
-        placement: Pose of the base in the frame of the program.
-        start: Joint positions near the first one; None: the middle of the ranges, bent.
-            Shape (n,). [rad] or [m]
-        limits: Limits of the tool's motion.
-        rapid_speed: Speed of G0 where no F counts for it. [m/s]
-        flavor: Whose G-code it is; None: found from the program.
-        step: Between solutions of the inverse kinematics. [s]
-        slicing: How a shape becomes a program.
-    """
-
-    link: str = "tool0"
-    placement: ToolPlacement = field(default_factory=ToolPlacement)
-    start: Float | None = None
-    limits: ToolLimits = field(default_factory=ToolLimits)
-    rapid_speed: float = RAPID_SPEED
-    flavor: str | None = None
-    step: float = STEP
-    slicing: Slicing = field(default_factory=Slicing)
+    link: Annotated[str, "The tool's frame in the URDF."] = "tool0"
+    placement: Annotated[ToolPlacement, "Pose of the base in the frame of the program."] = field(
+        default_factory=ToolPlacement
+    )
+    start: Annotated[
+        Float | None,
+        "Joint positions near the first one; None: the middle of the ranges, bent. Shape (n,). "
+        "[rad] or [m]",
+    ] = None
+    limits: Annotated[ToolLimits, "Limits of the tool's motion."] = field(
+        default_factory=ToolLimits
+    )
+    rapid_speed: Annotated[float, "Speed of G0 where no F counts for it. [m/s]"] = RAPID_SPEED
+    flavor: Annotated[str | None, "Whose G-code it is; None: found from the program."] = None
+    step: Annotated[float, "Between solutions of the inverse kinematics. [s]"] = STEP
+    slicing: Annotated[Slicing, "How a shape becomes a program."] = field(default_factory=Slicing)
 
 
-@dataclass(frozen=True)
-class LoadedMotion:
-    """A program made ready for one robot.
-
-    Attributes:
-        repeat: Number of runs that the program itself asks for.
-        length: Way of the tool, where the program is one of a tool. [m]
-        printed_length: Way during which material flows. [m]
-        stops: Rests of the tool in corners that could not be rounded.
-        full_speed_share: Share of the way at the programmed speed. [-]
-    """
+class LoadedMotion(Described):
+    """A program made ready for one robot."""
 
     motion: PlannedMotion
     name: str
-    repeat: int = 1
+    repeat: Annotated[int, "Number of runs that the program itself asks for."] = 1
     notes: tuple[str, ...] = ()
-    length: float | None = None
-    printed_length: float | None = None
-    stops: int | None = None
-    full_speed_share: float | None = None
+    length: Annotated[float | None, "Way of the tool, where the program is one of a tool. [m]"] = (
+        None
+    )
+    printed_length: Annotated[float | None, "Way during which material flows. [m]"] = None
+    stops: Annotated[int | None, "Rests of the tool in corners that could not be rounded."] = None
+    full_speed_share: Annotated[float | None, "Share of the way at the programmed speed. [-]"] = (
+        None
+    )
 
 
 def load_motion(

@@ -11,12 +11,13 @@ path, which steps along a weighted pseudo-inverse would not give.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
 
@@ -32,25 +33,20 @@ MAX_STEPS = 50
 MAX_STEP = 0.3  # rad
 
 
-@dataclass(frozen=True)
-class PlanarArm:
-    """Geometry of a planar arm.
+class PlanarArm(Described):
+    """Geometry of a planar arm."""
 
-    Attributes:
-        origin: Place of the first joint, in the base frame, shape (3,). [m]
-        across: Two unit vectors that span the plane, shape (2, 3).
-        height: Height of the tool along the axes, from the first joint's origin. [m]
-        normal: Unit vector along the axes, shape (3,).
-        sense: +1 or -1 per joint, shape (n,).
-        link: Links from joint to joint, the last to the tool, at zero positions, shape (n,). [m]
-    """
-
-    origin: Float
-    across: Float
-    height: float
-    normal: Float
-    sense: Float
-    link: Complex
+    origin: Annotated[Float, "Place of the first joint, in the base frame, shape (3,). [m]"]
+    across: Annotated[Float, "Two unit vectors that span the plane, shape (2, 3)."]
+    height: Annotated[
+        float, "Height of the tool along the axes, from the first joint's origin. [m]"
+    ]
+    normal: Annotated[Float, "Unit vector along the axes, shape (3,)."]
+    sense: Annotated[Float, "+1 or -1 per joint, shape (n,)."]
+    link: Annotated[
+        Complex,
+        "Links from joint to joint, the last to the tool, at zero positions, shape (n,). [m]",
+    ]
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Annotated, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float, Int
@@ -26,26 +27,20 @@ LIMIT_TOLERANCE = 1e-9  # rad or m
 MIN_DISTANCE = 1e-12  # rad; less is rounding and takes no time
 
 
-@dataclass(frozen=True)
-class MotionLimits:
+class MotionLimits(Described):
     """What a motion must keep to, joint side, shape (n,) each.
-
-    Attributes:
-        lower: Lower position limit. [rad] or [m]
-        upper: Upper position limit. [rad] or [m]
-        velocity: Greatest speed, > 0. [rad/s] or [m/s]
-        acceleration: Greatest acceleration, > 0. [rad/s^2] or [m/s^2]
-        jerk_time: Time over which acceleration builds up, >= 0. [s]
 
     Raises:
         MotionError: If shapes differ or a limit makes no sense.
     """
 
-    lower: Float
-    upper: Float
-    velocity: Float
-    acceleration: Float
-    jerk_time: float = DEFAULT_JERK_TIME
+    lower: Annotated[Float, "Lower position limit. [rad] or [m]"]
+    upper: Annotated[Float, "Upper position limit. [rad] or [m]"]
+    velocity: Annotated[Float, "Greatest speed, > 0. [rad/s] or [m/s]"]
+    acceleration: Annotated[Float, "Greatest acceleration, > 0. [rad/s^2] or [m/s^2]"]
+    jerk_time: Annotated[float, "Time over which acceleration builds up, >= 0. [s]"] = (
+        DEFAULT_JERK_TIME
+    )
 
     def __post_init__(self) -> None:
         shape = self.lower.shape

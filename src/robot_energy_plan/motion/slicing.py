@@ -13,12 +13,12 @@ from __future__ import annotations
 import io
 import logging
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.regular_file import read_regular, why_unreadable
@@ -36,24 +36,19 @@ FEED_FACTOR = 60e3  # m/s to mm/min
 LengthUnit = Literal["mm", "m", "inch"]
 
 
-@dataclass(frozen=True)
-class Slicing:
+class Slicing(Described):
     """How a shape becomes a program.
-
-    Attributes:
-        layer_height: Of every layer. [m]
-        speed: Of the tool along the outlines. [m/s]
-        bead_width: The path runs half of it inside the surface; 0: on the surface. [m]
-        unit: Of the coordinates in the file, which does not state it.
 
     Raises:
         MotionError: If a figure makes no sense.
     """
 
-    layer_height: float = 0.01
-    speed: float = 0.125
-    bead_width: float = 0.0
-    unit: LengthUnit = "mm"
+    layer_height: Annotated[float, "Of every layer. [m]"] = 0.01
+    speed: Annotated[float, "Of the tool along the outlines. [m/s]"] = 0.125
+    bead_width: Annotated[
+        float, "The path runs half of it inside the surface; 0: on the surface. [m]"
+    ] = 0.0
+    unit: Annotated[LengthUnit, "Of the coordinates in the file, which does not state it."] = "mm"
 
     def __post_init__(self) -> None:
         for name in ("layer_height", "speed"):
@@ -64,15 +59,10 @@ class Slicing:
             raise MotionError(f"bead width is {self.bead_width:g} m", "0 or more")
 
 
-@dataclass(frozen=True)
-class SlicedShape:
-    """A shape in layers.
+class SlicedShape(Described):
+    """A shape in layers."""
 
-    Attributes:
-        gcode: The program; lengths in mm, coordinates of the file.
-    """
-
-    gcode: str
+    gcode: Annotated[str, "The program; lengths in mm, coordinates of the file."]
     layers: int
     notes: tuple[str, ...]
 

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import Float
@@ -33,21 +34,13 @@ MAX_OFFSET = 1000.0  # m, of the base from the origin of the program
 MAX_JUMP = 0.5  # rad or m between two knots
 
 
-@dataclass(frozen=True)
-class ToolPlacement:
-    """Where the robot's base stands in the frame of the program.
+class ToolPlacement(Described):
+    """Where the robot's base stands in the frame of the program."""
 
-    Attributes:
-        x: [m]
-        y: [m]
-        z: [m]
-        yaw: Turn of the base about the vertical axis, anticlockwise. [rad]
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    yaw: float = 0.0
+    x: Annotated[float, "[m]"] = 0.0
+    y: Annotated[float, "[m]"] = 0.0
+    z: Annotated[float, "[m]"] = 0.0
+    yaw: Annotated[float, "Turn of the base about the vertical axis, anticlockwise. [rad]"] = 0.0
 
     def __post_init__(self) -> None:
         if not all(abs(value) <= MAX_OFFSET for value in (self.x, self.y, self.z, self.yaw)):

@@ -10,10 +10,11 @@ is ever exceeded because an average never is, and the tool leaves the path by at
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.tool_corners import PathPieces, pieces_of
@@ -27,24 +28,20 @@ MAX_TOLERANCE = 10.0  # m, of a corner
 REST = 1e-12  # s
 
 
-@dataclass(frozen=True)
-class ToolLimits:
+class ToolLimits(Described):
     """What the tool may do. None of it stands in a G-code program.
-
-    Attributes:
-        acceleration: Greatest, > 0; default assumed. [m/s^2]
-        corner_tolerance: Greatest distance of the tool from the programmed corner; default
-            what paper B calls sufficient for printing (section 5.2.1). 0 stops in
-            every corner. [m]
-        smoothing: T, >= 0; default assumed. [s]
 
     Raises:
         MotionError: If a figure makes no sense, or smoothing alone leaves the tolerance.
     """
 
-    acceleration: float = 2.0
-    corner_tolerance: float = 3e-3
-    smoothing: float = 0.02
+    acceleration: Annotated[float, "Greatest, > 0; default assumed. [m/s^2]"] = 2.0
+    corner_tolerance: Annotated[
+        float,
+        "Greatest distance of the tool from the programmed corner; default what paper B calls "
+        "sufficient for printing (section 5.2.1). 0 stops in every corner. [m]",
+    ] = 3e-3
+    smoothing: Annotated[float, "T, >= 0; default assumed. [s]"] = 0.02
 
     def __post_init__(self) -> None:
         if not MIN_ACCELERATION <= self.acceleration <= MAX_ACCELERATION:
@@ -72,19 +69,12 @@ class ToolLimits:
         return self.acceleration * self.smoothing**2 / 24.0
 
 
-@dataclass(frozen=True)
-class ToolTrajectory:
-    """Motion of a tool at given times, shape (N, 3) each.
+class ToolTrajectory(Described):
+    """Motion of a tool at given times, shape (N, 3) each."""
 
-    Attributes:
-        position: [m]
-        velocity: [m/s]
-        acceleration: [m/s^2]
-    """
-
-    position: Float
-    velocity: Float
-    acceleration: Float
+    position: Annotated[Float, "[m]"]
+    velocity: Annotated[Float, "[m/s]"]
+    acceleration: Annotated[Float, "[m/s^2]"]
 
 
 class TimedPath:

@@ -9,9 +9,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.ptp import ArrayRecord, MotionLimits, Profile, Trajectory
 from robot_energy_plan.motion.ptp_loop import Program
@@ -44,19 +46,12 @@ class Candidates(ArrayRecord):
             object.__setattr__(self, "law", np.full(len(self.move), -1))
 
 
-@dataclass(frozen=True)
-class Samples:
-    """Motion of several candidates, end to end.
+class Samples(Described):
+    """Motion of several candidates, end to end."""
 
-    Attributes:
-        first: Row at which each candidate begins, shape (P,).
-        step: Time between the samples of each candidate, shape (P,). [s]
-        path: Motion, shape (N, n) each.
-    """
-
-    first: Int
-    step: Float
-    path: Trajectory
+    first: Annotated[Int, "Row at which each candidate begins, shape (P,)."]
+    step: Annotated[Float, "Time between the samples of each candidate, shape (P,). [s]"]
+    path: Annotated[Trajectory, "Motion, shape (N, n) each."]
 
 
 class Moves(ABC):

@@ -113,7 +113,7 @@ class PowerChain:
         standing = np.abs(speed) <= self._standstill
         moving = np.where(standing, 0.0, speed)
         held = self._hold.typical(rigid) if holding else rigid
-        held_std = np.where(standing & holding, self._hold.std, 0.0)
+        held_std = np.where(standing & holding, self._hold.std(held), 0.0)
         weight, place = _weights(motion, len(speed))
         shape, first = speed.shape, motion.first
 

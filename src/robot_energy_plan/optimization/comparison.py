@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.accounting.record import Calibrated
 from robot_energy.certainty.band import Z90
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError, RobotEnergyError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import Float
@@ -21,26 +23,20 @@ Candidate = Callable[[], JointTrajectory]
 """Makes a motion, or raises what is wrong with it."""
 
 
-@dataclass(frozen=True)
-class ComparedMotion:
-    """What one candidate needs.
+class ComparedMotion(Described):
+    """What one candidate needs."""
 
-    Attributes:
-        feasible: Whether it was predicted and keeps the limits.
-        duration: With the wait up to the cycle time. [s]
-        energy: From the grid, import minus return; NaN where not known. [J]
-        half: Half width of its 90 % band. [J]
-        peak: Greatest power from the grid. [W]
-        columns: Change of the energy with the error of each figure, shape (K,). [J]
-    """
-
-    feasible: bool
+    feasible: Annotated[bool, "Whether it was predicted and keeps the limits."]
     message: str
-    duration: float = np.nan
-    energy: float = np.nan
-    half: float = np.nan
-    peak: float = np.nan
-    columns: Float = field(default_factory=lambda: np.full(1, np.nan))
+    duration: Annotated[float, "With the wait up to the cycle time. [s]"] = np.nan
+    energy: Annotated[float, "From the grid, import minus return; NaN where not known. [J]"] = (
+        np.nan
+    )
+    half: Annotated[float, "Half width of its 90 % band. [J]"] = np.nan
+    peak: Annotated[float, "Greatest power from the grid. [W]"] = np.nan
+    columns: Annotated[
+        Float, "Change of the energy with the error of each figure, shape (K,). [J]"
+    ] = field(default_factory=lambda: np.full(1, np.nan))
 
     def more_than(self, other: ComparedMotion) -> tuple[float, float]:
         """Return what it needs more than another, and half the width of the 90 % band of that."""

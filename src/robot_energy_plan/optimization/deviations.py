@@ -179,7 +179,7 @@ class DeviationSums:
         held = self._hold.loss_std(
             self._drive,
             block.motor_torque,
-            np.where(speed == 0.0, self._hold.std, 0.0),
+            np.where(speed == 0.0, self._hold.std(block.motor_torque), 0.0),
             np.where(np.isnan(degc), self._fallback_degc, degc),
         )
         rows = self._deviations.columns(

@@ -10,11 +10,12 @@ that finds a good choice, not surely the best.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
 
@@ -44,23 +45,16 @@ def drawn(power: Float) -> Float:
     return np.asarray(np.maximum(power, 0.0).mean(axis=-1))
 
 
-@dataclass(frozen=True)
-class Levelling:
-    """Starts of the robots within the common cycle.
+class Levelling(Described):
+    """Starts of the robots within the common cycle."""
 
-    Attributes:
-        start: After the beginning of the cycle; 0 for the first robot, shape (R,). [s]
-        together: The figure with all starts at once. [W]
-        least: With these starts. [W]
-        any_start: Its mean over starts that fall anywhere. [W]
-        mean: Power of the supply, whatever the starts. [W]
-    """
-
-    start: Float
-    together: float
-    least: float
-    any_start: float
-    mean: float
+    start: Annotated[
+        Float, "After the beginning of the cycle; 0 for the first robot, shape (R,). [s]"
+    ]
+    together: Annotated[float, "The figure with all starts at once. [W]"]
+    least: Annotated[float, "With these starts. [W]"]
+    any_start: Annotated[float, "Its mean over starts that fall anywhere. [W]"]
+    mean: Annotated[float, "Power of the supply, whatever the starts. [W]"]
 
 
 def level_starts(power: Sequence[Float], cycle_time: float, figure: Figure = peak) -> Levelling:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.kinds import Kind, Kinds
 from robot_energy.model.figure import PositiveFigure
@@ -133,16 +135,11 @@ register_measure = MEASURES.register
 """Add a measure of yours."""
 
 
-@dataclass(frozen=True)
-class Tried:
-    """What one measure gives.
-
-    Attributes:
-        plan: Its best plan; None where it does not apply.
-    """
+class Tried(Described):
+    """What one measure gives."""
 
     measure: Measure
-    plan: CyclePlan | None
+    plan: Annotated[CyclePlan | None, "Its best plan; None where it does not apply."]
     cost: Cost | None
     saving: Saving | None
 
@@ -155,23 +152,20 @@ class Tried:
         return cls(measure, plan, cost, saving(base, cost))
 
 
-@dataclass(frozen=True)
-class Optimum:
-    """What was found.
-
-    Attributes:
-        plan: The choice: all measures that change the program, together.
-        saving: Over the program as it is; of the program alone, without another supply.
-        front: Plans without wait, from fast to slow, and what they cost.
-    """
+class Optimum(Described):
+    """What was found."""
 
     task: Task
     base: Cost
     tried: tuple[Tried, ...]
-    plan: CyclePlan
+    plan: Annotated[CyclePlan, "The choice: all measures that change the program, together."]
     cost: Cost
-    saving: Saving
-    front: list[tuple[CyclePlan, Cost]]
+    saving: Annotated[
+        Saving, "Over the program as it is; of the program alone, without another supply."
+    ]
+    front: Annotated[
+        list[tuple[CyclePlan, Cost]], "Plans without wait, from fast to slow, and what they cost."
+    ]
 
 
 def optimise(task: Task) -> Optimum:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.certainty.band import Z90
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.optimization.candidates import Candidates
@@ -15,40 +16,23 @@ from robot_energy_plan.optimization.deviations import FORM_OF_HOLDING
 from robot_energy_plan.optimization.rest_states import RestState, rest_cost
 
 
-@dataclass(frozen=True)
-class CyclePlan:
-    """How one cycle is run.
+class CyclePlan(Described):
+    """How one cycle is run."""
 
-    Attributes:
-        row: Candidate of each move, shape (K,).
-        rest: Rest before each move, shape (K,). [s]
-        state: How it is spent; None: the drives hold.
-    """
-
-    row: Int
-    rest: Float
-    state: tuple[RestState | None, ...]
+    row: Annotated[Int, "Candidate of each move, shape (K,)."]
+    rest: Annotated[Float, "Rest before each move, shape (K,). [s]"]
+    state: Annotated[tuple[RestState | None, ...], "How it is spent; None: the drives hold."]
 
 
-@dataclass(frozen=True)
-class Cost:
-    """What one cycle needs, at the mean of the temperatures.
+class Cost(Described):
+    """What one cycle needs, at the mean of the temperatures."""
 
-    Attributes:
-        duration: [s]
-        energy: From the grid. [J]
-        peak: Greatest power from the grid. [W]
-        brake: Into the brake resistor. [J]
-        columns: Change of the energy with the error of each figure, shape (K,). [J]
-        by_temperature: Energy at each temperature, shape (T,). [J]
-    """
-
-    duration: float
-    energy: float
-    peak: float
-    brake: float
-    columns: Float
-    by_temperature: Float
+    duration: Annotated[float, "[s]"]
+    energy: Annotated[float, "From the grid. [J]"]
+    peak: Annotated[float, "Greatest power from the grid. [W]"]
+    brake: Annotated[float, "Into the brake resistor. [J]"]
+    columns: Annotated[Float, "Change of the energy with the error of each figure, shape (K,). [J]"]
+    by_temperature: Annotated[Float, "Energy at each temperature, shape (T,). [J]"]
 
     @property
     def half(self) -> float:
@@ -56,17 +40,11 @@ class Cost:
         return Z90 * float(np.sqrt((self.columns**2).sum()))
 
 
-@dataclass(frozen=True)
-class Saving:
-    """What a change saves, with its band.
+class Saving(Described):
+    """What a change saves, with its band."""
 
-    Attributes:
-        energy: Per cycle, positive where it is less. [J]
-        half: Half width of the 90 % band. [J]
-    """
-
-    energy: float
-    half: float
+    energy: Annotated[float, "Per cycle, positive where it is less. [J]"]
+    half: Annotated[float, "Half width of the 90 % band. [J]"]
 
     @property
     def claimed(self) -> bool:
@@ -81,17 +59,12 @@ def saving(before: Cost, after: Cost) -> Saving:
     return Saving(before.energy - after.energy, half)
 
 
-@dataclass(frozen=True)
-class CostTable:
-    """Costs of all candidates and rests of a program.
-
-    Attributes:
-        held: What a second of rest before each move needs while the drives hold.
-    """
+class CostTable(Described):
+    """Costs of all candidates and rests of a program."""
 
     candidates: Candidates
     use: Use
-    held: Use
+    held: Annotated[Use, "What a second of rest before each move needs while the drives hold."]
     braked: Use
     states: tuple[RestState, ...] = ()
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
 from robot_energy.foundation.config_file import load
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model.figure import ModelEntry, Number
 
@@ -71,19 +71,14 @@ def read_rest_states(given: str | Path | Sequence[RestState]) -> tuple[RestState
     return tuple(file.rest_states)
 
 
-@dataclass(frozen=True)
-class RestCost:
-    """Energy of a rest in a state as a share of the energy of the same rest on brakes.
+class RestCost(Described):
+    """Energy of a rest in a state as a share of the energy of the same rest on brakes."""
 
-    Attributes:
-        held: Seconds on brakes that cost as much. [s]
-        power_error: Its error by one standard deviation of the power, as such seconds. [s]
-        wake_error: The same of the power while it wakes up. [s]
-    """
-
-    held: float
-    power_error: float
-    wake_error: float
+    held: Annotated[float, "Seconds on brakes that cost as much. [s]"]
+    power_error: Annotated[
+        float, "Its error by one standard deviation of the power, as such seconds. [s]"
+    ]
+    wake_error: Annotated[float, "The same of the power while it wakes up. [s]"]
 
 
 def rest_cost(state: RestState, duration: float) -> RestCost | None:

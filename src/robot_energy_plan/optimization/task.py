@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
@@ -39,27 +41,22 @@ class ProgramMoves:
     accelerations: Float = field(default_factory=ACCELERATIONS.copy)
 
 
-@dataclass(frozen=True)
-class Task:
-    """What is to be made cheaper.
-
-    Attributes:
-        allowed: Candidates within the limits of torque and peak power, shape (P,).
-        needed: Rest before each move that the work needs, shape (K,). [s]
-        cycle_time: Of one cycle; None: the next one begins at once. [s]
-        peak_limit: Of the power from the grid. [W]
-        regeneration: Share that a supply would return which is to be judged; None: not asked. [-]
-    """
+class Task(Described):
+    """What is to be made cheaper."""
 
     chain: PowerChain
     moves: Moves
     table: CostTable
     base: CyclePlan
-    allowed: NDArray[np.bool_]
-    needed: Float
-    cycle_time: float | None
-    peak_limit: float
-    regeneration: float | None = None
+    allowed: Annotated[
+        NDArray[np.bool_], "Candidates within the limits of torque and peak power, shape (P,)."
+    ]
+    needed: Annotated[Float, "Rest before each move that the work needs, shape (K,). [s]"]
+    cycle_time: Annotated[float | None, "Of one cycle; None: the next one begins at once. [s]"]
+    peak_limit: Annotated[float, "Of the power from the grid. [W]"]
+    regeneration: Annotated[
+        float | None, "Share that a supply would return which is to be judged; None: not asked. [-]"
+    ] = None
 
     @property
     def moving_time(self) -> float:

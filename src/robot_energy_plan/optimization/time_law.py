@@ -17,11 +17,11 @@ is linear in ``b``, ``a`` and ``y``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.ptp import Trajectory
@@ -34,38 +34,28 @@ SOLVED = ("Solved", "AlmostSolved")
 PROBE = 1.0  # rad/s and N m at which the losses of drives are looked up
 
 
-@dataclass(frozen=True)
-class PathPower:
-    """Figures of one path at N places, motor side where nothing else is said.
+class PathPower(Described):
+    """Figures of one path at N places, motor side where nothing else is said."""
 
-    Attributes:
-        velocity: q', joint side, shape (N, n). [rad/s] or [m/s]
-        acceleration: q'', joint side, shape (N, n). [rad/s^2] or [m/s^2]
-        speed: Motor velocity at y = 1, shape (N, n). [rad/s]
-        still: Torque that holds against gravity, and Coulomb friction, shape (N, n). [N m]
-        squared: Torque per b, shape (N, n). [N m]
-        rising: Torque per a, shape (N, n). [N m s^2]
-        viscous: Torque per y, shape (N, n). [N m]
-        gravity: Torque that holds against gravity, shape (N, n). [N m]
-        friction: Energy per path time of Coulomb friction, and per y of viscous, shape (N,) each.
-            [W]
-        constant: Loss of all drives that flows all the time. [W]
-        loss: Loss of drives per path time, and per y, shape (N,) each. [W]
-        copper: Loss per squared torque, shape (n,). [W/(N m)^2]
-    """
-
-    velocity: Float
-    acceleration: Float
-    speed: Float
-    still: Float
-    squared: Float
-    rising: Float
-    viscous: Float
-    gravity: Float
-    friction: tuple[Float, Float]
-    constant: float
-    loss: tuple[Float, Float]
-    copper: Float
+    velocity: Annotated[Float, "q', joint side, shape (N, n). [rad/s] or [m/s]"]
+    acceleration: Annotated[Float, "q'', joint side, shape (N, n). [rad/s^2] or [m/s^2]"]
+    speed: Annotated[Float, "Motor velocity at y = 1, shape (N, n). [rad/s]"]
+    still: Annotated[
+        Float, "Torque that holds against gravity, and Coulomb friction, shape (N, n). [N m]"
+    ]
+    squared: Annotated[Float, "Torque per b, shape (N, n). [N m]"]
+    rising: Annotated[Float, "Torque per a, shape (N, n). [N m s^2]"]
+    viscous: Annotated[Float, "Torque per y, shape (N, n). [N m]"]
+    gravity: Annotated[Float, "Torque that holds against gravity, shape (N, n). [N m]"]
+    friction: Annotated[
+        tuple[Float, Float],
+        "Energy per path time of Coulomb friction, and per y of viscous, shape (N,) each. [W]",
+    ]
+    constant: Annotated[float, "Loss of all drives that flows all the time. [W]"]
+    loss: Annotated[
+        tuple[Float, Float], "Loss of drives per path time, and per y, shape (N,) each. [W]"
+    ]
+    copper: Annotated[Float, "Loss per squared torque, shape (n,). [W/(N m)^2]"]
 
     def __getitem__(self, rows: slice) -> PathPower:
         """Return some of the places."""
@@ -130,21 +120,13 @@ def _losses(chain: PowerChain, degc: Float) -> tuple[Float, Float, Float, Float]
     return constant, linear, quadratic, copper
 
 
-@dataclass(frozen=True)
-class LawLimits:
-    """What a law keeps to, joint side, shape (n,) each.
+class LawLimits(Described):
+    """What a law keeps to, joint side, shape (n,) each."""
 
-    Attributes:
-        velocity: [rad/s] or [m/s]
-        acceleration: Infinite where a joint does not move. [rad/s^2] or [m/s^2]
-        jerk: The same. [rad/s^3] or [m/s^3]
-        torque: Of the motors, infinite where none is known. [N m]
-    """
-
-    velocity: Float
-    acceleration: Float
-    jerk: Float
-    torque: Float
+    velocity: Annotated[Float, "[rad/s] or [m/s]"]
+    acceleration: Annotated[Float, "Infinite where a joint does not move. [rad/s^2] or [m/s^2]"]
+    jerk: Annotated[Float, "The same. [rad/s^3] or [m/s^3]"]
+    torque: Annotated[Float, "Of the motors, infinite where none is known. [N m]"]
 
 
 def time_law(

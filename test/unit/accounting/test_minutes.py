@@ -106,7 +106,7 @@ def test_a_fault_takes_standby_back():
     account.step(resting(0.0, 70.0, [(0, 71)]))
     before = account.counts.standby.ns
     block = resting(70.1, 71.0, [(70, 72)])
-    account._averager.step = lambda *_: account.counts.samples and 1 / 0
+    account._averager.step = lambda *_: account.counts.standby.ns and 1 / 0  # counts it
     with pytest.raises(ZeroDivisionError):
         account.step(block)
     assert account.counts.standby.ns == before

@@ -14,7 +14,7 @@ from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, w
 from pages import read
 from robot_energy.model import load
 from robot_energy_cli import main
-from robot_energy_identify.data.bags import Bag
+from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.evaluation import seen_in_fit
 from robot_energy_logs.log_import import import_log
 
@@ -134,13 +134,13 @@ def test_a_log_is_tested_as_its_mapping_says(tmp_path, log, capsys):
     assert main([str(word) for word in words]) == 0
     (recording,) = json.loads((tmp_path / "t.json").read_text())["recordings"]
     assert recording["recording"] == "wheel.csv"
-    assert recording["sha256"] == Bag(log).sha256()
+    assert recording["sha256"] == sha256_of(log)
     assert recording["scores"][0]["joints"][0]["torque_rms"] == pytest.approx(0.1)
     assert "motor torque 10.0 % off" in capsys.readouterr().out
 
 
 def test_a_recording_of_the_fit_is_not_held_out(tmp_path, bag):
-    model, sha256 = load(wheel_model(tmp_path)), Bag(bag).sha256()
+    model, sha256 = load(wheel_model(tmp_path)), sha256_of(bag)
 
     def seen(*bags, source=""):
         joint = model.joints[0]

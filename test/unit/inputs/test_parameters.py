@@ -17,7 +17,7 @@ from robot_energy.inputs.sources import Inputs as AllInputs
 @dataclass(frozen=True, kw_only=True)
 class Probe:
     topic: str = parameter("Where.", "probe")
-    depth: int = parameter("How many [-].", 10, 1, 100)
+    depth: int = parameter("How many [-].", 10, (1, 100))
 
     def __post_init__(self):
         if self.topic == "bad":
@@ -26,7 +26,7 @@ class Probe:
 
 @dataclass(frozen=True, kw_only=True)
 class Rates:
-    rate: float = parameter("How often [1/s].", 5.0, 1.0, 10.0)
+    rate: float = parameter("How often [1/s].", 5.0, (1.0, 10.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +137,7 @@ def test_every_input_names_the_source_of_its_stamps_alike():
 @pytest.mark.parametrize("kind", [list, tuple, lambda items: array("d", items)])
 def test_numbers_come_as_any_list(kind):
     """Files bring lists, services of ROS arrays."""
-    entry = Parameter("sign", tuple[float, ...], (1.0,), "Sign [-].", -1.0, 1.0, ())
+    entry = Parameter("sign", tuple[float, ...], (1.0,), "Sign [-].", (-1.0, 1.0), ())
     assert entry.check(kind([1.0, -1.0]), "node") == (1.0, -1.0)
     with pytest.raises(ParameterError):
         entry.check(kind([2.0]), "node")

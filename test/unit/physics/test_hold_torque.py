@@ -5,8 +5,9 @@ import pytest
 
 import robots
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import validate
-from robot_energy.physics.hold_torque import UNKNOWN, HoldTorque
+from robot_energy.physics.hold_torque import UNKNOWN, HoldTorque, LastMotion
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock
 from robots import figure
@@ -14,12 +15,14 @@ from robots import figure
 RATE = 0.01  # s between samples
 
 
-def arm(kept=0.0, carried=0.0, std=0.0, constant=None, copper=0.5):
+def arm(kept=0.0, carried=0.0, std=0.0, constant=None, copper=0.5, static=None, load=None):
     """The two-link arm with copper losses."""
     data = robots.two_link_data()
     data["drive"] = "loss_model"
     for joint in data["joints"]:
         joint["friction"]["coulomb"] = figure(0.2)
+        if load is not None:
+            joint["friction"] |= {"load_coulomb": figure(load), "load_saturation": figure(6.0)}
         joint["losses"] = {name: figure(0.0) for name in ("constant", "linear", "quadratic")}
         joint["losses"]["copper"] = figure(copper)
         joint["losses"]["copper_temperature_coefficient"] = figure(0.0)
@@ -27,6 +30,8 @@ def arm(kept=0.0, carried=0.0, std=0.0, constant=None, copper=0.5):
             joint["torque_constant"] = {**figure(1.0), "tag": constant}
     if std is not None:
         data["hold"] = {"kept": figure(kept), "carried": figure(carried), "std": std}
+        if static is not None:
+            data["hold"]["static"] = static
     return validate(data, "test").with_urdf(robots.TWO_LINK_URDF, "test")
 
 
@@ -57,8 +62,38 @@ def test_by_hand():
     # 10 - 0.25 * 0.2 + 0.5 * 0.2; of a load below the Coulomb torque a share is carried
     assert hold.torque(rigid, np.array([[1.0, -1.0]])) == pytest.approx(np.array([[10.05, -0.175]]))
     assert hold.typical(rigid) == pytest.approx(np.hypot([[9.95, -0.075]], 0.1))
-    assert hold.std == pytest.approx([0.02, 0.02])
-    assert HoldTorque(arm(std=None)).std == pytest.approx([UNKNOWN * 0.2] * 2)
+    assert hold.std(rigid) == pytest.approx([0.02, 0.02])
+    assert HoldTorque(arm(std=None)).std(rigid) == pytest.approx([UNKNOWN * 0.2] * 2)
+
+
+def test_static_friction_grows_with_the_load_and_differs_between_joints():
+    hold = HoldTorque(arm(kept=0.5, carried=0.25, std=0.1, static=(1.5, 0.5), load=0.05))
+    rigid = np.array([[10.0, -2.0]])
+    static = np.array([[1.5 * (0.2 + 0.05 * 6.0), 0.5 * (0.2 + 0.05 * 2.0)]])
+    assert hold.static(rigid) == pytest.approx(static)
+    torque = hold.torque(rigid, np.array([[-1.0, 1.0]]))
+    assert torque == pytest.approx(rigid + static * [[-0.25 - 0.5, 0.25 + 0.5]])
+    assert hold.std(rigid) == pytest.approx(0.1 * static / [[1.5, 0.5]])
+    with pytest.raises(ModelFileError, match="static"):
+        arm(static=(1.0,))
+
+
+def test_a_gear_that_unwinds_after_a_stop_turns_no_direction():
+    velocity = np.repeat([[20.0], [0.0], [-3.0], [0.0], [-3.0], [0.0]], 10, axis=0)
+    velocity[25:30] = 0.0  # back by 3 rad/s over 0.05 s, and then over 0.1 s more
+    stamp = np.arange(len(velocity)) * 10_000_000
+
+    def directions(cut):
+        motion = LastMotion(np.array([1.0]))
+        return np.concatenate(
+            [motion.follow(stamp[k : k + cut], velocity[k : k + cut]) for k in range(0, 60, cut)]
+        )[:, 0]
+
+    whole = directions(60)
+    assert (whole[2:41] == 1.0).all()
+    assert (whole[41:] == -1.0).all()  # 0.21 rad back: more than 1 rad/s makes in 0.2 s
+    for cut in (1, 7, 30):
+        assert np.array_equal(directions(cut), whole)
 
 
 def test_the_direction_is_that_of_the_last_motion_however_it_is_cut():

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
-
-from rosbags.typesys.store import Typestore
+from typing import TYPE_CHECKING
 
 from robot_energy.bag.cdr.schema import check_size
 from robot_energy.foundation.errors import MessageTypeError
@@ -19,89 +17,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
 
-    from robot_energy.bag.cdr.types import LazyStore
-
-Value = TypeVar("Value")
-
-
-class _Entries(dict[str, Value], Generic[Value]):
-    """Entries found one by one; a name that is not found so, or counting them, loads all."""
-
-    def __init__(
-        self, find: Callable[[str], dict[str, Value]], load: Callable[[], dict[str, Value]]
-    ) -> None:
-        super().__init__()
-        self._find = find
-        self._load: Callable[[], dict[str, Value]] | None = load
-
-    def quick(self, name: str) -> bool:
-        """Return whether an entry can be had without loading all."""
-        if not super().__contains__(name):
-            self._add(self._find(name))
-        return super().__contains__(name)
-
-    def _add(self, found: dict[str, Value]) -> None:
-        for name, value in found.items():
-            self.setdefault(name, value)
-
-    def _complete(self) -> None:
-        if self._load is not None:
-            load, self._load = self._load, None
-            self._add(load())
-
-    def __contains__(self, name: object) -> bool:
-        if not self.quick(str(name)):
-            self._complete()
-        return super().__contains__(name)
-
-    def __missing__(self, name: str) -> Value:
-        if name in self:
-            return super().__getitem__(name)
-        raise KeyError(name)
-
-    def get(self, name: str, default: Any = None) -> Any:
-        return self[name] if name in self else default
-
-    def __iter__(self) -> Iterator[str]:
-        self._complete()
-        return super().__iter__()
-
-    def __len__(self) -> int:
-        self._complete()
-        return super().__len__()
-
-    def keys(self):
-        self._complete()
-        return super().keys()
-
-    def values(self):
-        self._complete()
-        return super().values()
-
-    def items(self):
-        self._complete()
-        return super().items()
-
-
-class LazyStore(Typestore):
-    """Definitions of messages; making all of them takes longer than reading a short bag.
-
-    Args:
-        find: Returns the definition of a type, and of those in it, if it can be had quickly;
-            else nothing.
-        load: Makes the store of all types, with a Python class for each.
-    """
-
-    def __init__(self, find: Callable[[str], Typesdict], load: Callable[[], Typestore]) -> None:
-        super().__init__()
-        self._entries = _Entries(find, lambda: load().fielddefs)
-        self.fielddefs = cast("Typesdict", self._entries)
-        self.types = _Entries(lambda _: {}, lambda: load().types)
-
-    def quick(self, name: str) -> bool:
-        """Return whether a definition can be had without making all."""
-        return self._entries.quick(name)
-
+    from robot_energy.bag.cdr.lazy_store import LazyStore
 
 ENERGY_PACKAGE = "ros2_energy_msgs"
 _IDL_HEAD = re.compile(r"^={80}\r?\n(?:IDL: .*\n)?", re.MULTILINE)
@@ -157,7 +73,7 @@ def typestore() -> LazyStore:
 
     The store is made at the first call and shared: take a copy to add types to it.
     """
-    from robot_energy.bag.cdr.types import LazyStore
+    from robot_energy.bag.cdr.lazy_store import LazyStore
 
     return LazyStore(_shipped, _all_known)
 
@@ -214,7 +130,7 @@ def extended(
         ``base`` itself if all are known to be the same without a look at all of Jazzy, else a
         new store.
     """
-    from robot_energy.bag.cdr.types import LazyStore
+    from robot_energy.bag.cdr.lazy_store import LazyStore
 
     own: Typesdict = {}
     nested: Typesdict = {}

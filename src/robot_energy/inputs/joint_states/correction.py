@@ -26,22 +26,19 @@ class JointCorrection:
         "1 or -1, one for all joints or one for each in the order of the model: -1 where the "
         "messages count the other way than the URDF [-].",
         (1.0,),
-        -1.0,
-        1.0,
+        (-1.0, 1.0),
     )
     scale: tuple[float, ...] = parameter(
         "Factor on the values, one for all joints or one for each: 0.017453292519943295 where "
         "they are in degrees [-].",
         (1.0,),
-        1 / MAX_SCALE,
-        MAX_SCALE,
+        (1 / MAX_SCALE, MAX_SCALE),
     )
     zero: tuple[float, ...] = parameter(
         "Added last, one for all joints or one for each: the value in the URDF where the "
         "messages say 0 [of the quantity, in SI].",
         (0.0,),
-        -MAX_ZERO,
-        MAX_ZERO,
+        (-MAX_ZERO, MAX_ZERO),
     )
 
     def __post_init__(self) -> None:

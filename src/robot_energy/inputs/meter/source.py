@@ -79,8 +79,7 @@ class MeterSource:
     interval: float = parameter(
         "Length of the interval of mean_over_interval; 0 for the other meanings [s].",
         0.0,
-        0.0,
-        86_400.0,
+        (0.0, 86_400.0),
     )
     stamp_at: str = parameter(
         "Which instant of that interval the stamp is.", END, choices=(END, CENTRE, START)
@@ -97,7 +96,7 @@ class MeterSource:
         choices=(LOAD_POSITIVE, LOAD_NEGATIVE),
     )
     scale: float = parameter(
-        "Factor on the reading, as of a current transformer [-].", 1.0, 1e-9, 1e9
+        "Factor on the reading, as of a current transformer [-].", 1.0, (1e-9, 1e9)
     )
     voltage_topic: str = parameter(
         f"Topic of the voltage [V] of a pair, of {FLOAT64} or {FLOAT32}; empty for no pair.", ""
@@ -106,29 +105,25 @@ class MeterSource:
     pair_max_age: float = parameter(
         "Age of the voltage beyond which a current of a pair gives no power [s].",
         1.0,
-        0.001,
-        3600.0,
+        (0.001, 3600.0),
     )
     stamp_source: str = stamps_by_type()
     stamp_offset: float = parameter(
         "Added to the stamps, where the clock of the meter is off by a known time [s].",
         0.0,
-        -1e9,
-        1e9,
+        (-1e9, 1e9),
     )
     wraps_at: float = parameter(
         "Reading at which a counter starts again from zero, in its unit; 0: it never does "
         "[of the unit].",
         0.0,
-        0.0,
-        1e18,
+        (0.0, 1e18),
     )
     max_power: float = parameter(
         "Highest plausible power, drawn or fed back; readings that state or imply more are refused "
         "[W].",
         1e6,
-        1.0,
-        1e6,
+        (1.0, 1e6),
     )
 
     def __post_init__(self) -> None:
@@ -316,4 +311,4 @@ class MeterInputs:
     """Parameters of the power meter."""
 
     meter: MeterSource = group(MeterSource)
-    meter_max_gap: float = setting("meter_max_gap", 2.0, 0.01, 3600.0)
+    meter_max_gap: float = setting("meter_max_gap", 2.0, (0.01, 3600.0))

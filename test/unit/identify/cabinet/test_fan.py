@@ -1,6 +1,7 @@
 """A fan by its step in the power at rest."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy_identify.api.identify import identify_cabinet
 from robot_energy_identify.cabinet.fan import Rests, fan_of
+from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.stats.cross_validation import EnergyScore
+from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_rig.record import record
@@ -21,8 +25,8 @@ def rests(step, noise=0.0, seed=0, at=FIRST, slope=0.01):
     """A rest every 4 s, 20 to 45 degC; windings that warm up add a slope, poses copper losses."""
     random = np.random.default_rng(seed)
     time = 4.0 * np.arange(COUNT)
-    heat = random.uniform(0.0, 8.0, (COUNT, 2))
-    power = 100.0 + slope * time + heat @ (6.0, 2.0) + step * (np.arange(COUNT) >= at)
+    heat = random.uniform(0.0, 8.0, (COUNT, 3)) * (1.0, 1.0, 0.0)  # an upright axis holds nothing
+    power = 100.0 + slope * time + heat @ (6.0, 2.0, 3.0) + step * (np.arange(COUNT) >= at)
     power += random.normal(0.0, noise, COUNT) if noise else 0.0
     return Rests(time, power, 20.0 + 0.25 * np.arange(COUNT), heat)
 
@@ -60,6 +64,21 @@ def test_what_is_no_fan_is_refused(every, why):
     """A slope; a warm-up through the same temperature without a step; a load that stops."""
     with pytest.raises(NotIdentifiableError, match=why):
         fan_of(every, 1.5)
+
+
+def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
+    """Power better by 2 %, and energy not worse."""
+
+    def reason(rms, energy):
+        total = SimpleNamespace(
+            without_fan=EnergyScore(20.0, 0.03, 0.05),
+            scores={"identified": EnergyScore(rms, energy, energy)},
+        )
+        return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
+
+    assert reason(15.0, 0.02) == ""
+    assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
+    assert "6.0 % off and 15 W" in reason(15.0, 0.06)
 
 
 def rig(*without):

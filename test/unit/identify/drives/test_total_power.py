@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from robot_energy.model import load
+from robot_energy.model.figure import Figure, PositiveFigure
+from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
 from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.drives.all_drives import find_drives
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
 from robot_energy_identify.drives.total_power import (
     STRUCTURES,
@@ -65,6 +68,35 @@ def test_readings_while_the_dc_link_gives_are_left_out(data):
     assert true < fit.constant < true + 25.0
     everything = replace(data, braking=np.zeros_like(data.braking))
     assert fit_total(sums(everything, MODEL)).constant < true - 50.0
+
+
+def fan_of(power, std):
+    known = {"tag": "identified"}
+    on = Figure(value=45.0, **known)
+    fan = CabinetFan(power=PositiveFigure(value=power, std=std, **known), on_above_degc=on)
+    return MODEL.changed(cabinet=MODEL.cabinet.model_copy(update={"fan": fan}))
+
+
+@pytest.mark.parametrize(("step", "std", "expected"), [(50.0, 10.0, 60.0), (50.0, 3.0, 50.0)])
+def test_the_power_of_a_fan_is_that_of_all_readings_unless_its_step_contradicts_it(
+    data, step, std, expected
+):
+    """60 W in every second 5 s; the step showed 50 W, which is all that counts if it is surer."""
+
+    def runs(stamp_ns):
+        return stamp_ns // 5_000_000_000 % 2 == 1
+
+    meters = [replace(one, power=one.power + 60.0 * runs(one.stamp_ns)) for one in data.meters]
+    seen = replace(data, meters=tuple(meters), fan_power=step * runs(data.stamp_ns))
+    model = fan_of(step, std)
+    found = find_drives(seen, model, "bags", in_time=True)
+    written, _ = found.write(model, "bags")
+    assert written.cabinet.fan.power.value == pytest.approx(expected, rel=0.1)
+    assert written.cabinet.fan.power.std == std
+    if expected == 60.0:
+        without = find_drives(data, MODEL, "bags", in_time=True).total.fit
+        assert found.total.fit.constant == pytest.approx(without.constant, abs=3.0)
+        assert found.total.scores["identified"].rms < found.total.without_fan.rms
 
 
 def test_blocks_that_the_fit_predicted_are_not_predicted_again(data):

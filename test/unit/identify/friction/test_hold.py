@@ -1,5 +1,6 @@
 """What motors hold at rest, found in measured torque of the virtual rig."""
 
+import numpy as np
 import pytest
 
 import robots
@@ -49,3 +50,22 @@ def test_too_few_rests_show_nothing(tmp_path):
     bag = record(rig, 10.0, tmp_path / "bag")
     recording = read_recording(bag.path, MODEL, EffortMeaning.MOTOR_TORQUE)
     assert fit_hold([recording], MODEL) is None
+
+
+def test_static_friction_of_a_joint_is_more_than_its_coulomb_torque(tmp_path):
+    profile = two_link_profile(tmp_path, stribeck=[0.012, 0.0])
+    config = RigConfig.plain().having(*NOISE, "presliding", "stribeck")
+    bag = record(VirtualRig(profile, RESTING, config, 3, 30.0, 30.0), 120.0, tmp_path / "bag")
+    recording = read_recording(bag.path, MODEL, EffortMeaning.MOTOR_TORQUE)
+    fits, _ = fit_axes([friction_data([recording], joint) for joint in (0, 1)])
+    model = with_friction(MODEL, fits, "bag")
+    found = fit_hold([recording], model)
+    assert found is not None
+    assert found.static is not None
+    coulomb = [joint.friction.coulomb.value for joint in model.joints]
+    static = np.array(found.static) * coulomb * found.kept[0]
+    assert static == pytest.approx([0.02 + 0.012, 0.01], rel=0.05)
+    assert found.std < 0.15
+    written = found.write(model, "bag")
+    assert found.write(written, "bag") == written
+    assert fit_hold([recording], written) == found  # whatever was found before

@@ -48,6 +48,14 @@ def test_stamps_must_be_set_and_newer():
     assert ingest.rejections.rejected == {"zero_stamp": 1, "duplicate_stamp": 1, "older_stamp": 1}
 
 
+@pytest.mark.parametrize(("again", "reason"), [(1.3, "duplicate_stamp"), (1.25, "older_stamp")])
+def test_a_stamp_is_not_newer_than_the_last_one_that_came_before(again, reason):
+    ingest = JointStateIngest(NAMES)
+    for stamps in ((1.0, 1.1), (1.2, 1.3), (again, 1.4)):  # those in the middle rise
+        take(ingest, [message(t) for t in stamps], flush=False)
+    assert ingest.rejections.rejected == {reason: 1}
+
+
 def test_missing_velocity_stays_nan_for_the_derivative():
     block = take(
         JointStateIngest(NAMES), [message(1.0, velocity=()), message(1.1, velocity=(np.nan, 4.0))]
