@@ -21,7 +21,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.drives.drive_data import DriveData
-from robot_energy_identify.drives.efficiency import (
+from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,
     MAX_QUANTILE,
     POINTS,
