@@ -31,9 +31,10 @@ for name, module in sorted(sys.modules.items()):
 NODES = ("torque_monitor", "friction_monitor", "power_monitor", "energy_monitor")
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 # What reads bags and writes files for the command, what is said of such files, and the options of
-# `replay`, which the check of a model loads with it.
+# `replay`, which the check of a model loads with it. Of an option that is a parameter as well, a
+# node takes the sentence and the choices, not what its absence means.
 OF_RECORDINGS = (
-    "robot_energy.replay.options",
+    *("robot_energy.replay.options", "robot_energy.inputs.options"),
     *("robot_energy.bag.", "robot_energy.foundation.files.", "robot_energy.inputs.bag_topics"),
     *("robot_energy.replay.read_ahead", "robot_energy.replay.replay_topics"),
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy_cli.command import Command, add_option, add_options, flags, keywords_of
-from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named
+from robot_energy_cli.replay_arguments import BAG, DAMAGED, add_replay, model_named
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_fleet.options import YEAR, AdviseOptions
 

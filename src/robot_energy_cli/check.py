@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from robot_energy_cli.command import Command
 from robot_energy_cli.identify_inputs import IdentifyInputs, bag_options
-from robot_energy_cli.replay_options import model_named
+from robot_energy_cli.replay_arguments import model_named
 from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,

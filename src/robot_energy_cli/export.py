@@ -16,7 +16,7 @@ from robot_energy.foundation.files.output_files import (
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import Command, add_option
-from robot_energy_cli.replay_options import BAG, DAMAGED, add_replay, model_named, options_given
+from robot_energy_cli.replay_arguments import BAG, DAMAGED, add_replay, model_named, options_given
 from robot_energy_cli.terminal import console, progress, wrote
 
 WHAT = "the table"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 
 from robot_energy_cli.command import Command, add_option, add_options
-from robot_energy_cli.replay_options import PAGE_SETTINGS
+from robot_energy_cli.replay_arguments import PAGE_SETTINGS
 from robot_energy_cli.terminal import JSON_OPTION, check_outputs, present
 
 DESCRIPTION = """\

@@ -65,7 +65,7 @@ def _folder(args: Namespace) -> Path:
 
 
 def _show(args: Namespace) -> int:
-    from robot_energy_history.spans import zone_of
+    from robot_energy_history.queries import zone_of
     from robot_energy_report.document import Document
     from robot_energy_report.printing import print_document
 
@@ -88,7 +88,7 @@ def _show(args: Namespace) -> int:
 
 def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
     from robot_energy_history.api import history, history_events, history_jobs
-    from robot_energy_history.spans import rows_of
+    from robot_energy_history.queries import rows_of
     from robot_energy_report.document import Column
     from robot_energy_report.formats import counted, fixed
 
@@ -165,7 +165,7 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
 
 def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
     from robot_energy_history.api import history_friction
-    from robot_energy_history.spans import rows_of
+    from robot_energy_history.queries import rows_of
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
 
@@ -205,7 +205,7 @@ def _shifts(
     args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
 ) -> None:
     from robot_energy_history.api import history
-    from robot_energy_history.spans import rows_of
+    from robot_energy_history.queries import rows_of
     from robot_energy_history.tariffs import stored_tariffs
     from robot_energy_report.document import Column
     from robot_energy_report.formats import fixed
@@ -228,8 +228,8 @@ def _kwh(microjoule: float) -> str:
 
 
 def _savings(args: Namespace) -> int:
+    from robot_energy_history.queries import rows_of
     from robot_energy_history.savings import history_savings
-    from robot_energy_history.spans import rows_of
     from robot_energy_report.document import Column, Document
     from robot_energy_report.formats import fixed
     from robot_energy_report.printing import print_document

@@ -87,7 +87,7 @@ def report(args: Namespace, folder: Path) -> int:
 def export(args: Namespace, folder: Path) -> int:
     """Return the exit code of writing the rows of a time for another program."""
     from robot_energy_history.outputs import WRITERS, Wanted
-    from robot_energy_history.spans import zone_of
+    from robot_energy_history.queries import zone_of
     from robot_energy_history.tariffs import day_begin
 
     suffix = Path(args.out).suffix.lower()

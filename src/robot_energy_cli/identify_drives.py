@@ -143,8 +143,12 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         return data, None, "log"
     from robot_energy.model import load
     from robot_energy.timeline.blocks import EffortMeaning
-    from robot_energy_identify.causes import refuse_meter, refuse_torque, torque_evidence
     from robot_energy_identify.plausibility import check_signs
+    from robot_energy_identify.refused_recordings import (
+        refuse_meter,
+        refuse_torque,
+        torque_evidence,
+    )
 
     model = load(args.model)
     effort, _ = IdentifyInputs(args).bags().meaning()

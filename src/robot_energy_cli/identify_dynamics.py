@@ -75,12 +75,12 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_identify.causes import cause_named, evidence_of_rows
     from robot_energy_identify.dynamics.dynamics import identify_dynamics
     from robot_energy_identify.dynamics.dynamics_model import to_model
     from robot_energy_identify.dynamics.leave_one_out import across_recordings
     from robot_energy_identify.plausibility import check_dynamics
     from robot_energy_identify.provenance import hashed
+    from robot_energy_identify.refused_recordings import cause_named, evidence_of_rows
     from robot_energy_identify.results.dynamics import dynamics_report
     from robot_energy_report.document import Document
     from robot_energy_report.dynamics import dynamics_document

@@ -6,7 +6,7 @@ from argparse import Namespace
 from typing import TYPE_CHECKING
 
 from robot_energy_cli.command import Command
-from robot_energy_cli.replay_options import DAMAGED
+from robot_energy_cli.replay_arguments import DAMAGED
 from robot_energy_cli.terminal import console
 
 if TYPE_CHECKING:

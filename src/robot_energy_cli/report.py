@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import ReplayOptions
 from robot_energy_cli.command import Command, add_option, add_options, flags
-from robot_energy_cli.replay_options import (
+from robot_energy_cli.replay_arguments import (
     BAG,
     DAMAGED,
     PAGE_SETTINGS,

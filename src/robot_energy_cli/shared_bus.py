@@ -6,7 +6,7 @@ from argparse import ArgumentParser, Namespace
 from typing import Any
 
 from robot_energy_cli.command import Command, add_options, flags, keywords_of
-from robot_energy_cli.replay_options import DAMAGED, add_reading
+from robot_energy_cli.replay_arguments import DAMAGED, add_reading
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present
 from robot_energy_cli.tool_options import add_tool, tool_options
 from robot_energy_plan.options import SharedBusOptions

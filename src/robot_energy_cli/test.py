@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy_cli.command import Command, add_option, add_options
-from robot_energy_cli.replay_options import (
+from robot_energy_cli.replay_arguments import (
     AT_FALLBACK,
     BAG,
     DAMAGED,

@@ -13,8 +13,7 @@ import numpy as np
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.timeline.time_series import Column, TimeSeries
 from robot_energy_history.files import reader
-from robot_energy_history.schema import JOB_SUMS
-from robot_energy_history.spans import (
+from robot_energy_history.queries import (
     RESOLUTIONS,
     Resolution,
     edges,
@@ -28,6 +27,7 @@ from robot_energy_history.spans import (
     table_of,
     zone_of,
 )
+from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import day_begin, stored_tariffs
 from robot_energy_history.use import ENERGIES, RESTS, Costs, costs
 

@@ -21,7 +21,7 @@ from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.timeline.time_series import TimeSeries, library
 from robot_energy_history.api import PRICED as EVERY_PRICED
 from robot_energy_history.api import History, history
-from robot_energy_history.spans import Resolution, edges, rows_of, zone_of
+from robot_energy_history.queries import Resolution, edges, rows_of, zone_of
 from robot_energy_history.tariffs import stored_tariffs
 
 TABLE = "robot_energy"

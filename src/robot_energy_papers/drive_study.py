@@ -25,7 +25,7 @@ from robot_energy_identify.drives.drives import (
     Way,
     fit_drives,
 )
-from robot_energy_identify.drives.efficiency import (
+from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,
     POINTS,
     at_efficiency,

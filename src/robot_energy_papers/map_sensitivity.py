@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from robot_energy.model import RobotModel, load
-from robot_energy_identify.drives.efficiency import CUTOFF, POINTS
+from robot_energy_identify.drives.efficiency_map import CUTOFF, POINTS
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.drive_study import PAPER, identify_drives, tested
 from robot_energy_papers.machines import layer

@@ -6,7 +6,7 @@ anywhere else; its JSON is the result itself (`results.base`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -68,8 +68,9 @@ class Column(Described):
     def _of(self, row: Any) -> Any:
         if callable(self.value):
             return self.value(row)
-        named = isinstance(self.value, str) and not isinstance(row, Mapping)
-        return getattr(row, str(self.value)) if named else row[self.value]
+        if isinstance(self.value, str) and not hasattr(row, "keys"):
+            return getattr(row, self.value)
+        return row[self.value]
 
     def _text(self, value: Any) -> str:
         return NOTHING if value is None else self.form(value)

@@ -30,7 +30,7 @@ from mistakes import mistakes, rewrite
 from robot_energy.foundation.errors import ImplausibleIdentificationError, RobotEnergyError
 from robot_energy.model import RobotModel, load
 from robot_energy_cli.main import main as command
-from robot_energy_identify.causes import bodies_known
+from robot_energy_identify.refused_recordings import bodies_known
 from robot_energy_report.printing import table
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import robots
 from joint_messages import SECOND, batch, message
-from robot_energy.accounting.registers import MAX_GAP_NS, Coverage
+from robot_energy.accounting.registers import CLOCK_STEP_NS, Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.pipeline import EnergyPipeline, Settings
@@ -98,8 +98,8 @@ def test_epochs_order_and_gaps_do_not_depend_on_the_cutting(seed, bounds, reach,
 def test_coverage_adds_up_and_does_not_depend_on_the_cutting(seed, bounds):
     rng = np.random.default_rng(seed)
     elapsed = rng.integers(0, SECOND, 120)
-    elapsed[rng.integers(0, 120, 4)] = rng.choice([-SECOND, 3 * SECOND, MAX_GAP_NS + 1], 4)
-    observed = (rng.random(120) < rng.random()) & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
+    elapsed[rng.integers(0, 120, 4)] = rng.choice([-SECOND, 3 * SECOND, CLOCK_STEP_NS + 1], 4)
+    observed = (rng.random(120) < rng.random()) & (elapsed >= 0) & (elapsed <= CLOCK_STEP_NS)
 
     def run(rows):
         time = Coverage()
@@ -111,7 +111,7 @@ def test_coverage_adds_up_and_does_not_depend_on_the_cutting(seed, bounds):
     edges = [0, *sorted(bounds), 120]
     parts = [slice(a, b) for a, b in pairwise(edges) if b > a]
     assert run(parts) == whole
-    jump = (elapsed < 0) | (elapsed > MAX_GAP_NS)
+    jump = (elapsed < 0) | (elapsed > CLOCK_STEP_NS)
     assert whole.span_ns == int(elapsed[~jump].sum())
     assert whole.jumps == int(jump.sum())
 

@@ -17,10 +17,10 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
-from robot_energy_identify import causes
-from robot_energy_identify.causes import notes_on_torque, refuse_torque, torque_evidence
+from robot_energy_identify import refused_recordings
 from robot_energy_identify.check.finding import Finding
 from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.refused_recordings import notes_on_torque, refuse_torque, torque_evidence
 from robot_energy_plan.motion import Program
 from robot_energy_rig import RigConfig, VirtualRig
 from robot_energy_rig.record import record
@@ -160,7 +160,7 @@ def test_what_only_mistakes_explain_is_refused(
     finding: Finding,
     refused: bool,
 ) -> None:
-    monkeypatch.setattr(causes, "check_torque", lambda _: ([finding], ""))
+    monkeypatch.setattr(refused_recordings, "check_torque", lambda _: ([finding], ""))
     used, effort = load(model(tmp_path, (1.0, 1.0))), EffortMeaning.MOTOR_CURRENT
     parts = [torque_evidence(read_recording(bag, used, effort), effort)]
     if refused:

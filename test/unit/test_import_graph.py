@@ -95,7 +95,7 @@ MODULES = {
         history history_output identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
         identify_thermal import_logs info kinds layouts listings main model_reference models
-        monitoring numbers optimize predict replay replay_options report result_schema shared_bus
+        monitoring numbers optimize predict replay replay_arguments report result_schema shared_bus
         simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
@@ -113,11 +113,11 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags baseline check differences files jobs notes outputs readings rollup rows
-        savings schema spans store tariffs use
+        api bags baseline check differences files jobs notes outputs queries readings rollup rows
+        savings schema store tariffs use
     """,
     "robot_energy_identify": """
-        bounds causes options plausibility provenance run_all steps
+        bounds options plausibility provenance refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
@@ -135,8 +135,8 @@ MODULES = {
         bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency loss_map losses total_covariance
-        total_power total_sums
+        all_drives delays drive_data drive_power drives efficiency_map loss_map losses
+        total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out

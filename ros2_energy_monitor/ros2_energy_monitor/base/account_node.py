@@ -13,8 +13,6 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, TypeVar
 
-from ros2_energy_msgs.msg import EnergyRegisters, PowerState
-
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.power import PowerStateWriter
@@ -27,11 +25,9 @@ from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import AccountParameters
 from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.base.publishers import (
-    POWER_TOPIC,
     REGISTERS_TOPIC,
-    PacedPublisher,
-    RowPublisher,
-    reliable,
+    power_publisher,
+    registers_publisher,
 )
 from ros2_energy_monitor.services.registers import RegisterServices
 
@@ -53,9 +49,8 @@ class AccountNode(MonitorNode[A]):
         self._registers_writer = RegistersWriter(*identity)
         ticks = round(given.tick_rate / given.power_rate)
         burst = -(-self.taken_ticks // ticks)  # messages that end together
-        power = RowPublisher(self, PowerState, POWER_TOPIC, reliable(100))
-        self._power = self.paced = PacedPublisher(power, ticks, max_waiting=burst + 1)
-        registers = RowPublisher(self, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
+        self._power = self.paced = power_publisher(self, ticks, burst + 1)
+        registers = registers_publisher(self)
         folder = folder_of(given.state_folder)
         self.checkpoints = Checkpoints(
             self, model, account, folder, given.checkpoint_period, self._encode, registers.publish

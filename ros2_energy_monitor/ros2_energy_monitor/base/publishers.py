@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from ros2_energy_msgs.msg import JointFriction, JointTorque
+from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, JointTorque, PowerState
 
 POWER_TOPIC = "energy/power"
 REGISTERS_TOPIC = "energy/registers"
@@ -123,6 +123,17 @@ def torque_publisher(node: Node, depth: int) -> RowPublisher:
 def friction_publisher(node: Node) -> RowPublisher:
     """Return the publisher of ``energy/joint_friction``; late subscribers get its last messages."""
     return RowPublisher(node, JointFriction, FRICTION_TOPIC, latched(FRICTION_DEPTH))
+
+
+def power_publisher(node: Node, ticks: int, max_waiting: int) -> PacedPublisher:
+    """Return the publisher of ``energy/power``, one message every so many ticks."""
+    power = RowPublisher(node, PowerState, POWER_TOPIC, reliable(100))
+    return PacedPublisher(power, ticks, max_waiting)
+
+
+def registers_publisher(node: Node) -> RowPublisher:
+    """Return the publisher of ``energy/registers``."""
+    return RowPublisher(node, EnergyRegisters, REGISTERS_TOPIC, reliable(10))
 
 
 FRICTION_DEPTH = 100  # messages; what a late subscriber gets at most

@@ -33,7 +33,7 @@ from robot_energy.accounting.record import (
 )
 from robot_energy.accounting.registers import (
     CABINET_REGISTERS,
-    MAX_GAP_NS,
+    CLOCK_STEP_NS,
     Coverage,
     Registers,
     ShaftEnergySums,
@@ -171,7 +171,7 @@ class EnergyAccount:
         minute = (np.append(first, stamp_ns) - 1) // MINUTE_NS
         found = np.flatnonzero(minute[1:] != minute[:-1])
         step = np.diff(stamp_ns, prepend=first)[found]
-        ends = np.where((step > 0) & (step <= MAX_GAP_NS), minute[1:][found] * MINUTE_NS, 0)
+        ends = np.where((step > 0) & (step <= CLOCK_STEP_NS), minute[1:][found] * MINUTE_NS, 0)
         return list(zip(found.tolist(), ends.tolist(), strict=True))
 
     def _step(self, block: PowerBlock) -> MeanBlock | None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
-from robot_energy.accounting.registers import MAX_GAP_NS
+from robot_energy.accounting.registers import CLOCK_STEP_NS
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, PowerBlock
@@ -180,7 +180,7 @@ class AuxiliaryAccount:
 
     def _extend(self, stamp: Int, segment: Int, power: Float) -> None:
         elapsed = np.diff(stamp)
-        keep = (np.diff(segment) == 0) & (elapsed > 0) & (elapsed <= MAX_GAP_NS)
+        keep = (np.diff(segment) == 0) & (elapsed > 0) & (elapsed <= CLOCK_STEP_NS)
         keep &= np.isfinite(power[1:]) & np.isfinite(power[:-1])
         pieces = CoveredPieces(stamp[:-1], stamp[1:], power[:-1], power[1:])[keep]
         self._waiting = self._waiting.join(pieces)

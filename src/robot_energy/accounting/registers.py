@@ -20,7 +20,7 @@ from robot_energy.physics import kernels
 from robot_energy.physics.equations import interval_energy
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, PowerBlock, differences
 
-MAX_GAP_NS = 90 * 86_400 * 10**9  # a longer step between two samples is one of the clock [ns]
+CLOCK_STEP_NS = 90 * 86_400 * 10**9  # a longer step between two samples is one of the clock [ns]
 MAX_ENERGY = 2e6  # of one interval, which sums exactly [J]
 NO_SEGMENT = -1  # segments count from zero: nothing is integrated from this one
 CABINET_REGISTERS = ("grid_import", "grid_return", "brake", "loss_dc", "loss_grid", "capacitor")
@@ -39,7 +39,7 @@ MAX_INTERVAL_ENERGY = 1e6  # J in one interval; more is not a measurement, does 
 class Coverage:
     """How much of a recording was integrated: ``span = observed + gap``, exact in ns.
 
-    A step of the stamps that is longer than ``MAX_GAP_NS`` is not a gap: the clock was set, as
+    A step of the stamps that is longer than ``CLOCK_STEP_NS`` is not a gap: the clock was set, as
     after a start in 1970, and how much time has passed is unknown. It is a jump, forward instead
     of backward, and no time passes across it.
 
@@ -47,7 +47,7 @@ class Coverage:
         observed_ns: Time between finite samples of one segment. [ns]
         gap_ns: Time between samples that could not be integrated. [ns]
         jumps: Number of jumps of the stamps, backward or forward by more than
-            ``MAX_GAP_NS``; no time passes across one.
+            ``CLOCK_STEP_NS``; no time passes across one.
         in_gap: Whether the last sample ended a gap, which may go on.
     """
 
@@ -70,7 +70,7 @@ class Coverage:
             self.count(_total(elapsed), 0, 0, 0)
             self.in_gap = False
             return
-        jump = (elapsed < 0) | (elapsed > MAX_GAP_NS)
+        jump = (elapsed < 0) | (elapsed > CLOCK_STEP_NS)
         missing = ~observed & ~jump & (elapsed > 0)
         begins = missing & ~np.concatenate([[self.in_gap], missing[:-1]])
         self.count(
@@ -83,7 +83,7 @@ class Coverage:
         between = 0
         if earlier.end_ns is not None and self.start_ns is not None:
             between = self.start_ns - earlier.end_ns
-        gap_ns = between if 0 < between <= MAX_GAP_NS else 0
+        gap_ns = between if 0 < between <= CLOCK_STEP_NS else 0
         self.count(
             earlier.observed_ns,
             earlier.gap_ns + gap_ns,
@@ -121,7 +121,7 @@ class Coverage:
 
 
 def _total(durations: Int) -> int:
-    """Sum of durations, each at most ``MAX_GAP_NS``, exact. [ns]"""
+    """Sum of durations, each at most ``CLOCK_STEP_NS``, exact. [ns]"""
     if len(durations) and len(durations) * int(durations.max()) > MAX_COUNTER:
         return sum(durations.tolist())
     return int(durations.sum())
@@ -259,7 +259,7 @@ class Registers(ExactSum):
             self.time.start_ns = int(stamp[0])
         elapsed = differences(stamp, self._last[0])
         same = differences(segment, self._last[1]) == 0
-        observed = same & (elapsed >= 0) & (elapsed <= MAX_GAP_NS)
+        observed = same & (elapsed >= 0) & (elapsed <= CLOCK_STEP_NS)
         duration = np.where(observed, elapsed, 0) * NANOSECOND
         found = self._compiled(block, duration, whole or self.nearly_full)
         if found is not None:

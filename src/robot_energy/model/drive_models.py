@@ -160,7 +160,7 @@ DRIVE_MODELS = Kinds(
         key="efficiency_map",
         entry=EfficiencyMap,
         physics=Part("robot_energy.physics.drive:EfficiencyMaps"),
-        fitted=Part("robot_energy_identify.drives.efficiency:fitted_map"),
+        fitted=Part("robot_energy_identify.drives.efficiency_map:fitted_map"),
         way="map",
         in_identity=True,
     ),

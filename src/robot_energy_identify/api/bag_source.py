@@ -80,8 +80,8 @@ class BagSource:
 
     def with_effort(self, model: RobotModel) -> list[Recording]:
         """Return bags with measured torque or current as the stages of the monitor read them."""
-        from robot_energy_identify.causes import refuse_torque, torque_evidence
         from robot_energy_identify.plausibility import check_signs
+        from robot_energy_identify.refused_recordings import refuse_torque, torque_evidence
 
         meaning, _ = self.meaning()
         if meaning is EffortMeaning.NONE:

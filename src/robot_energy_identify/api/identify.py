@@ -18,15 +18,6 @@ from robot_energy_identify.api.bag_source import BagSource
 from robot_energy_identify.auxiliary.readings import outlet_readings, own_readings, read_loads
 from robot_energy_identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
 from robot_energy_identify.cabinet.supply import fit_supply
-from robot_energy_identify.causes import (
-    bodies_known,
-    cause_named,
-    evidence_of_rows,
-    notes_on_torque,
-    refuse_meter,
-    refuse_torque,
-    torque_evidence,
-)
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.data.bags import Bag, BagFacts, Kept, Span, facts, folds_of
 from robot_energy_identify.drives.drive_power import drive_topics
@@ -36,6 +27,15 @@ from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_identify.options import IdentifyOptions, SourceOptions
 from robot_energy_identify.plausibility import check_cabinet, check_dynamics, check_signs
 from robot_energy_identify.provenance import hashed, identified_from, require_distinct, require_some
+from robot_energy_identify.refused_recordings import (
+    bodies_known,
+    cause_named,
+    evidence_of_rows,
+    notes_on_torque,
+    refuse_meter,
+    refuse_torque,
+    torque_evidence,
+)
 from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
 from robot_energy_identify.results.identification import (
     CabinetReport,

@@ -18,7 +18,7 @@ from robot_energy_identify.drives.delays import (
 )
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
-from robot_energy_identify.drives.efficiency import CUTOFF
+from robot_energy_identify.drives.efficiency_map import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import (
     TotalFit,

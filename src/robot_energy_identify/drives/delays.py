@@ -41,6 +41,7 @@ DRIVE_SPAN = 0.1  # s: delays of drives up to this are tried,
 DRIVE_STEPS = 25  # on each side of zero, at most
 MIN_GAIN = 0.05  # of the held-out error: a second of motion has 1 % for chance delays
 MIN_DRIVE_ROWS = 200
+SAME_PERIOD = 0.1  # of the period, by which those of two recordings may differ
 CHUNK = 50_000  # rows compressed at once, so that memory does not grow with the recording
 SPAN = 0.5  # s: delays of meters up to this are tried,
 SHARE = 0.01  # and up to this share of the recorded time: seconds of motion hide long ones
@@ -126,16 +127,18 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
 
     if constant == 0.0:
         return columns
-    kept = float(np.exp(-data.period / constant))
     known = np.isfinite(columns[:, :1])
     shaft = data.shaft_power.sum(axis=1)[:, None]
     passed = np.where(shaft > 0.0, np.column_stack([shaft, columns[:, 1:]]), 0.0)
     drawn = np.where(known, columns, passed)
     edges = np.flatnonzero(np.diff(data.stretch)) + 1
-    parts = [
-        lfilter([1.0 - kept], [1.0, -kept], part, axis=0, zi=kept * part[:1])[0]
-        for part in np.split(np.nan_to_num(drawn), edges)
-    ]
+    parts: list[Float] = []
+    for part, periods in zip(
+        np.split(np.nan_to_num(drawn), edges), np.split(data.periods, edges), strict=True
+    ):
+        kept = float(np.exp(-periods[0] / constant))
+        passed = lfilter([1.0 - kept], [1.0, -kept], part, axis=0, zi=kept * part[:1])[0]
+        parts.append(np.asarray(passed))
     return np.where(known, np.concatenate(parts), np.nan)
 
 
@@ -250,7 +253,10 @@ def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | N
 
 
 def estimate_power_delay(data: DriveData) -> Delay | None:
-    """Return one delay for all drives; None where the samples are too few to decide."""
+    """Return one delay for all drives; None where the samples are too few to decide.
+
+    Recordings whose samples come faster or slower than most are left out: a shift is in samples.
+    """
     period = data.period
     if not np.isfinite(period) or period <= 0.0:
         return None
@@ -322,6 +328,7 @@ def _rows(data: DriveData, joint: int, lags: Int) -> Int:
     first = np.searchsorted(data.stretch, data.stretch, side="left")
     last = np.searchsorted(data.stretch, data.stretch, side="right") - 1
     inside = (row + lags[0] >= first) & (row + lags[-1] <= last)
+    inside &= np.abs(data.periods / data.period - 1.0) < SAME_PERIOD
     rows = row[inside & np.isfinite(data.shaft_power[:, joint])]
     known = np.concatenate([[0], np.cumsum(np.isfinite(data.drive_power[:, joint]))])
     whole = known[rows + lags[-1] + 1] - known[rows + lags[0]] == lags[-1] - lags[0] + 1

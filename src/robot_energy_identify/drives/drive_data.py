@@ -173,12 +173,26 @@ class DriveData:
         step = np.diff(self.stamp_ns)[np.diff(self.stretch) == 0]
         return float(np.median(step)) * NANOSECOND if len(step) else float("nan")
 
+    @cached_property
+    def periods(self) -> Float:
+        """Median time between samples of the recording of each, shape (N,). [s]
+
+        Recordings differ: by their rates, and as long ones are thinned.
+        """
+        found = np.full(len(self), self.period)
+        for number in range(self.recordings):
+            rows = self.samples_of(number)
+            step = np.diff(self.stamp_ns[rows])[np.diff(self.stretch[rows]) == 0]
+            if len(step):
+                found[rows] = float(np.median(step)) * NANOSECOND
+        return found
+
     @property
     def duration(self) -> Float:
         """Time that each sample stands for, shape (N,). [s]"""
         step = np.diff(self.stamp_ns, append=self.stamp_ns[-1:]) * NANOSECOND
         last = np.append(np.diff(self.stretch) != 0, True)
-        return np.where(last, self.period, step)
+        return np.where(last, self.periods, step)
 
     @property
     def recordings(self) -> int:

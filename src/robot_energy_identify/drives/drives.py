@@ -21,7 +21,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.drives.drive_data import DriveData
-from robot_energy_identify.drives.efficiency import (
+from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,
     MAX_QUANTILE,
     POINTS,
@@ -257,7 +257,7 @@ class _Fitter:
                 data.motor_velocity[:, joint],
                 data.drive_power[:, joint],
                 data.stretch,
-                data.period,
+                data.periods,
                 rows,
                 self._cutoff,
                 self._points,
@@ -332,7 +332,7 @@ class _Fitter:
             if entry is not None and kind.physics is not None:
                 drive = kind.physics([entry])
                 ways[way] = data.input_power(drive, slice(joint, joint + 1))[:, 0]
-        second = processed(ways["map"], data.stretch, data.period, self._cutoff)
+        second = processed(ways["map"], data.stretch, data.periods, self._cutoff)
         ways["map_processed"] = np.where(np.isfinite(second), second, ways["map"])
         return ways
 

@@ -112,7 +112,7 @@ def base_parameters(columns: Float, names: Sequence[str]) -> BaseParameters:
     floor = pivots[rank] if rank < len(pivots) else 0.0
     least = float(np.sqrt(pivots[rank - 1] * max(floor, np.finfo(float).tiny))) if rank else np.inf
     least = max(least, 10.0 * float(floor))
-    every = np.arange(columns.shape[1])
+    every = np.arange(columns.shape[1], dtype=np.int64)
     chosen = np.array(independent(triangle, np.full(len(every), least))[:rank], np.int64)
     others = np.setdiff1d(every, chosen)
     relation = np.linalg.lstsq(triangle[:, chosen], triangle[:, others], rcond=None)[0]

@@ -11,7 +11,7 @@ import numpy as np
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_history.differences import FLAGS, UNRESOLVED
-from robot_energy_history.spans import rows_of
+from robot_energy_history.queries import rows_of
 from robot_energy_report.page.history_period import Period
 
 MAX_SERIES = 8  # bars of one part of the time; further robots or joints are summed up

@@ -13,7 +13,7 @@ from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy_history.api import stamp_of
 from robot_energy_history.differences import SLOT_NS
-from robot_energy_history.spans import Resolution, edges
+from robot_energy_history.queries import Resolution, edges
 from robot_energy_history.tariffs import day_begin
 
 KINDS: dict[str, Resolution] = {

@@ -11,7 +11,7 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.plain_text import MAX_NAME, MAX_REASON
 from robot_energy.accounting.record import KEPT, AccountRecord
-from robot_energy.accounting.registers import MAX_GAP_NS
+from robot_energy.accounting.registers import CLOCK_STEP_NS
 from robot_energy.foundation.errors import RegisterError, StateFileError
 from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.messages.registers import RegistersWriter, interval_fields
@@ -44,7 +44,7 @@ def test_a_thousand_boots_in_1970_leave_the_gap_time_alone():
     assert account.state(IDENTITY).to_json()
 
 
-@pytest.mark.parametrize(("step_ns", "gap"), [(MAX_GAP_NS, True), (MAX_GAP_NS + 1, False)])
+@pytest.mark.parametrize(("step_ns", "gap"), [(CLOCK_STEP_NS, True), (CLOCK_STEP_NS + 1, False)])
 @pytest.mark.parametrize("way", ["running", "restart", "late file"])
 def test_the_longest_gap_is_the_same_rule_everywhere(step_ns, gap, way):
     first, second = steady(0, 1), steady(0, 1)
@@ -65,14 +65,14 @@ def test_the_longest_gap_is_the_same_rule_everywhere(step_ns, gap, way):
 
 
 def test_many_longest_gaps_in_one_block_add_up_exactly():
-    stamp = np.tile([0, MAX_GAP_NS], 3000)
+    stamp = np.tile([0, CLOCK_STEP_NS], 3000)
     block = power_block(stamp, np.full(6000, 100.0), np.arange(6000))
     whole, cut = EnergyAccount(2), EnergyAccount(2)
     whole.step(block)
     for start in range(0, 6000, 700):
         cut.step(block[slice(start, start + 700)])
     assert whole.registers.time == cut.registers.time
-    assert whole.registers.time.gap_ns == min(3000 * MAX_GAP_NS, MAX_COUNTER)
+    assert whole.registers.time.gap_ns == min(3000 * CLOCK_STEP_NS, MAX_COUNTER)
 
 
 @pytest.mark.parametrize("cut", [1, 7, 1024, 3000])

@@ -13,7 +13,7 @@ import robot_energy as re
 from robot_energy.certainty.priors import SPREAD
 from robot_energy.replay.api import fixed_friction
 from robot_energy_cli.main import main
-from robot_energy_cli.replay_options import degc
+from robot_energy_cli.replay_arguments import degc
 
 ROOT = Path(__file__).resolve().parents[3]
 BAG = str(ROOT / "bags/kr16_cold")

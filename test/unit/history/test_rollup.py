@@ -9,14 +9,14 @@ from zoneinfo import ZoneInfo
 import pytest
 
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
-from robot_energy_history import spans
+from robot_energy_history import queries
 from robot_energy_history.api import history, history_jobs
 from robot_energy_history.check import check, repair
 from robot_energy_history.files import open_reader
+from robot_energy_history.queries import pieces
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy_history.rollup import Rolled
 from robot_energy_history.schema import JOB_COLUMNS
-from robot_energy_history.spans import pieces
 from robot_energy_history.store import HistoryStore
 
 IMPORT = "predicted_import_microjoule"
@@ -225,8 +225,8 @@ def test_a_reader_sees_one_state_whatever_is_written_meanwhile(tmp_path, monkeyp
                 assert store.write(START + 5 * DAY, newest=True), store.trouble
             return super().format(**given)
 
-    quarters, *others = spans._REGULAR
-    monkeypatch.setattr(spans, "_REGULAR", (quarters, *map(Meanwhile, others)))
+    quarters, *others = queries._REGULAR
+    monkeypatch.setattr(queries, "_REGULAR", (quarters, *map(Meanwhile, others)))
     asked = (tmp_path, START, START + 6 * DAY, "all")
     assert history(*asked)[IMPORT].tolist() == [before]
     assert history(*asked)[IMPORT].tolist() == [robot.values[IMPORT]]

@@ -66,13 +66,13 @@ def without_outliers(values: Float) -> Float:
     return np.where(far | ~np.isfinite(values), np.nan, values)
 
 
-def smooth(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
+def smooth(values: Float, stretch: Int, period: Float | float, cutoff: float) -> Float:
     """Fill gaps by straight lines and filter without phase shift, stretch by stretch.
 
     Args:
         values: NaN where missing, shape (N,); beyond the last known value it is held. [any unit]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
-        period: Between samples. [s]
+        period: Between samples, the same throughout a stretch, shape () or (N,). [s]
         cutoff: Of the low-pass; at most 90 % of the Nyquist frequency is used. [Hz]
 
     Returns:
@@ -80,27 +80,28 @@ def smooth(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
     """
     from scipy.signal import butter, sosfiltfilt
 
-    share = min(2.0 * cutoff * period, MAX_CUTOFF_SHARE)
-    sections = butter(ORDER, share, output="sos")
+    periods = np.broadcast_to(period, values.shape)
     result = np.full_like(values, np.nan)
     for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(stretch)) + 1):
         part = values[rows]
         known = np.flatnonzero(np.isfinite(part))
         if not len(known):
             continue
+        share = min(2.0 * cutoff * float(periods[rows[0]]), MAX_CUTOFF_SHARE)
+        sections = butter(ORDER, share, output="sos")
         filled = np.interp(np.arange(len(part)), known, part[known])
         pad = min(3 * (2 * len(sections) + 1), len(part) - 1)
         result[rows] = sosfiltfilt(sections, filled, padlen=pad)
     return result
 
 
-def processed(values: Float, stretch: Int, period: float, cutoff: float) -> Float:
+def processed(values: Float, stretch: Int, period: Float | float, cutoff: float) -> Float:
     """Return values after both steps of the paper's processing, of efficiencies or of power.
 
     Args:
         values: Shape (N,). [any unit]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
-        period: Between samples. [s]
+        period: Between samples, the same throughout a stretch, shape () or (N,). [s]
         cutoff: Of the low-pass. [Hz]
     """
     return smooth(without_outliers(values), stretch, period, cutoff)
@@ -112,7 +113,7 @@ def reduced_map(
     velocity: Float,
     electrical: Float,
     stretch: Int,
-    period: float,
+    period: Float | float,
     rows: NDArray[np.bool_],
     cutoff: float = CUTOFF,
     points: int = POINTS,
@@ -130,7 +131,7 @@ def reduced_map(
         velocity: Motor side, shape (N,). [rad/s]
         electrical: Measured input, shape (N,). [W]
         stretch: Number of the uninterrupted stretch of each sample, shape (N,).
-        period: Between samples. [s]
+        period: Between samples, the same throughout a stretch, shape () or (N,). [s]
         rows: Samples to use, shape (N,); the others count as missing.
         cutoff: Of the low-pass. [Hz]
         source: Where the data come from, for the model file.
