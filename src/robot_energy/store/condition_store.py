@@ -66,7 +66,7 @@ class ConditionStore(SlotStore[Any]):
     def _adopt(self, stored: Stored[Any]) -> None:
         if stored.notices and stored.value is None:
             learned = isinstance(self._learner, ConditionLearner)
-            self.notices.append(f"{'learned figures' if learned else 'temperatures'} begin anew")
+            self.notices.append(f"{'learned figures' if learned else 'temperatures'} begin again")
         if stored.value is not None:
             self._learner.restore(stored.value)
         self.trouble = ""

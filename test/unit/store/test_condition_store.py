@@ -101,6 +101,6 @@ def test_estimated_temperatures_are_kept_and_need_no_learning(tmp_path):
         path.write_bytes(wrap(THERMAL_VERSION - 1, 1, payload))
     pipeline, store = opened_thermal()
     assert f"format {THERMAL_VERSION - 1}" in store.notices[0]
-    assert (store.trouble, store.notices[-1]) == ("", "temperatures begin anew")
+    assert (store.trouble, store.notices[-1]) == ("", "temperatures begin again")
     assert pipeline.condition.thermal.degc[0] < warm
     assert list(tmp_path.glob("*-thermal-*.bad-1"))
