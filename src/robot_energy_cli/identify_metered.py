@@ -25,9 +25,11 @@ section II-A): while nothing moves, the meter shows the sum of both sides; while
 robot brakes hard, it shows the grid side alone. The command finds both phases, rest by the
 noise of the velocities. After hard braking the DC link feeds the drives; how much energy it
 stores is found from that, with an interval, and taken if held-out readings are predicted
-better with it.
+better with it. A fan of the cabinet that starts while the robot warms up is found by the step
+in the power at rest.
 
-Record at least ten seconds of rest with active drives, and fast motions that stop hard.
+Record at least ten seconds of rest with active drives, and fast motions that stop hard; for
+the fan a warm-up with pauses and motor temperatures.
 Identify the drives first (or use `identify all`): drive losses that the model lacks can hide
 the effect of the DC link.
 """

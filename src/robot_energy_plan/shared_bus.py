@@ -22,7 +22,7 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.cabinet import CabinetStage, FanStage
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.physics.equations import Balance
 from robot_energy.pipeline import Output
@@ -127,7 +127,9 @@ def shared_cabinet(cabinets: Sequence[Cabinet], room: float = 1.0) -> Cabinet:
     )
 
 
-def exchange(stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet]) -> BusExchange:
+def exchange(
+    stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet], fan_power: Float | None = None
+) -> BusExchange:
     """Return the flows of robots on supplies of their own, and on one bus.
 
     Args:
@@ -135,16 +137,20 @@ def exchange(stamp_ns: Int, bus_power: Float, cabinets: Sequence[Cabinet]) -> Bu
         bus_power: P_dc of each robot, drive inputs without constant losses, shape (R, N); NaN
             where one is not known, which is not counted for any. [W]
         cabinets: Of each robot; capacitors are empty at the start.
+        fan_power: Of each robot, shape (R, N); None: no fan runs. [W]
     """
+    fans = np.zeros_like(bus_power) if fan_power is None else fan_power
     known = bus_power + 0.0 * bus_power.sum(axis=0)  # NaN for all where one is
     segment, total = np.zeros(len(stamp_ns), dtype=np.int64), known.sum(axis=0)
     shared, tight = (
-        CabinetStage(shared_cabinet(cabinets, room)).step(stamp_ns, segment, total)
+        CabinetStage(shared_cabinet(cabinets, room)).step(
+            stamp_ns, segment, total, fans.sum(axis=0)
+        )
         for room in (1.0, ROOM)
     )
     own = tuple(
-        CabinetStage(cabinet).step(stamp_ns, segment, power)
-        for cabinet, power in zip(cabinets, known, strict=True)
+        CabinetStage(cabinet).step(stamp_ns, segment, power, fan)
+        for cabinet, power, fan in zip(cabinets, known, fans, strict=True)
     )
     return BusExchange(stamp_ns, own, shared, tight)
 
@@ -165,6 +171,7 @@ class BusRobot:
 
     def __post_init__(self) -> None:
         self.deviations = DeviationSums(self.model)
+        self._fan = FanStage(self.model.cabinet)
         self._parts: list[tuple[Int, Int, Float]] = []
         self.moves_at_end = False  # some motor turns at the last sample
 
@@ -172,15 +179,22 @@ class BusRobot:
         """Take what a step of the pipeline gave."""
         self.deviations.take(output)
         if output.power is not None and len(block := output.power):
-            self._parts.append((block.stamp_ns, block.segment, block.bus_power))
+            fan = self._fan.step(block.motor_temperature_degc) + np.zeros(len(block))
+            powers = np.stack([block.bus_power, fan])
+            self._parts.append((block.stamp_ns, block.segment, powers))
             speed = np.abs(block.motor_velocity[-1])
             self.moves_at_end = bool((speed > motor_rest(self.model)).any())
 
     def power(self) -> tuple[Int, Float]:
-        """Return stamps, shape (N,) [ns], and P_dc [W]; NaN amid each gap."""
+        """Return stamps, shape (N,) [ns], and P_dc and power of the fan, shape (2, N) [W].
+
+        Both powers are NaN amid each gap.
+        """
         if not self._parts:
             raise MotionError(f"{self.name} gave no power", "samples of motion")
-        stamp, segment, power = (np.concatenate(part) for part in zip(*self._parts, strict=True))
+        stamp, segment, power = (
+            np.concatenate(part, axis=-1) for part in zip(*self._parts, strict=True)
+        )
         if (np.diff(stamp) < 0).any():
             raise MotionError(
                 f"the time of {self.name} jumps back",
@@ -188,10 +202,10 @@ class BusRobot:
                 "name a part of it with --start and --end",
             )
         stamp, first = np.unique(stamp, return_index=True)
-        segment, power = segment[first], power[first]
+        segment, power = segment[first], power[:, first]
         gap = np.flatnonzero(np.diff(segment))
         middle = (stamp[gap] + stamp[gap + 1]) // 2
-        return np.insert(stamp, gap + 1, middle), np.insert(power, gap + 1, np.nan)
+        return np.insert(stamp, gap + 1, middle), np.insert(power, gap + 1, np.nan, axis=1)
 
 
 def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> BusExchange:
@@ -217,8 +231,9 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
         )
     stamp = np.unique(np.concatenate([one for one, _ in series]))
     stamp = stamp[(stamp >= begin) & (stamp <= end)]
-    powers = np.stack([np.interp(stamp - begin, own - begin, power) for own, power in series])
-    return exchange(stamp, powers, [robot.model.cabinet for robot in robots])
+    powers = [[np.interp(stamp - begin, own - begin, one) for one in both] for own, both in series]
+    bus, fan = np.array(powers).swapaxes(0, 1)
+    return exchange(stamp, bus, [robot.model.cabinet for robot in robots], fan)
 
 
 class PlannedBus(Described):
@@ -273,13 +288,12 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
             )
 
     def at(time: Float, start: Float) -> Float:
-        """Powers of all robots at times of the cycle, shape (R, N)."""
-        return np.stack(
-            [
-                np.interp((time - float(begin)) % cycle, own, power)
-                for begin, own, (_, power) in zip(start.tolist(), times, series, strict=True)
-            ]
-        )
+        """P_dc and power of the fan of all robots at times of the cycle, shape (2, R, N)."""
+        powers = [
+            [np.interp((time - float(begin)) % cycle, own, one) for one in both]
+            for begin, own, (_, both) in zip(start.tolist(), times, series, strict=True)
+        ]
+        return np.array(powers).swapaxes(0, 1)
 
     cabinets = [robot.model.cabinet for robot in robots]
     rounds = 1 + any(one.capacitor is not None for one in cabinets)
@@ -288,12 +302,13 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
     stamp = np.rint(time * SECOND_NS).astype(np.int64)
 
     def flows(start: Float) -> BusExchange:
-        return exchange(stamp, at(time, start), cabinets).after(int(stamp[(rounds - 1) * steps]))
+        bus, fan = at(time, start)
+        return exchange(stamp, bus, cabinets, fan).after(int(stamp[(rounds - 1) * steps]))
 
     count = samples_of(cycle)
     losses = np.array([[one.loss_dc.value] for one in cabinets])
     middle = (np.arange(count) + 0.5) * cycle / count
-    demand = at(middle, np.zeros(len(robots))) + losses
+    demand = at(middle, np.zeros(len(robots)))[0] + losses
     found = level_starts(list(demand), cycle, drawn)
     together = flows(np.zeros(len(robots)))
     best = flows(found.start)

@@ -11,9 +11,10 @@ and gives it back first. In every case
 ``P_grid = P_dc + P_l,dc + P_l,grid + P_brake + P_capacitor``.
 
 A fan that the warmest motor switches is a part of ``P_l,grid``: ``p P_fan``, with the probability
-``p`` that it runs. At a warmest motor of T this is ``min(max(p, P(T > T_on)), P(T > T_off))``, p on
-the right as it was before, with ``T_off = T_on - hysteresis`` and both uniform within their
-deviations: 0 or 1 outside of these, and between the two as it was.
+``p`` that it runs. At a warmest motor of T this is ``max(min(p, P(T > T_off)), P(T > T_on))``, with
+``T_off = T_on - hysteresis`` and the ``p`` before on the right. Start and stop are uniform within
+their deviations. Above all possible starts ``p`` is 1, below all possible stops it is 0. Where T
+passes neither limit, ``p`` stays.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class FanStage:
             if isfinite(degc):
                 least = _warmer(degc, self._on, self._widths[0])
                 most = _warmer(degc, self._off, self._widths[1])
-                self._runs = min(max(self._runs, least), most)
+                self._runs = max(min(self._runs, most), least)
             runs[place] = self._runs
         return self._power * np.repeat(runs, np.diff(np.append(begins, len(warmest))))
 

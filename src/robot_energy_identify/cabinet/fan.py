@@ -5,10 +5,11 @@ The power r of rests, less that of the drives, at times t around the begin t_0 o
     r = a + b (t - t_0) + P (t >= t_0) + sum_i k_i (1 + alpha (T_i - 20)) tau_i^2
 
 with the torques tau that motors hold and their temperatures T, so it matters little what the model
-knows of the drives. What warms up with the robot has a slope and no step. The rest at which P is
-most over its deviation is where the fan starts; it starts at the temperature that the warmest motor
-had reached by then. Levels of whole recordings do not count: warm windings and a payload move them
-as well.
+knows of the drives. What warms up with the robot has a slope and no step. P and its
+deviation follow for every rest. The fan starts at the rest where P has the greatest ratio to its
+deviation. Its temperature is what the warmest motor had reached by then. A step down contradicts a
+fan while motors warm up; while they cool the fan itself stops. Levels of whole recordings do not
+count: warm windings and a payload change them as well.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from robot_energy_identify.drives.losses import TERMS, loss_columns
 SURE = 5.0  # deviations of a step; without a fan the greatest of a warm-up are below 4
 MOST, LEAST = 48, 12  # rests on each side of a step
 AROUND = 6  # rests to each side, between which it may lie
+FALL = 1.0  # K below its highest temperature, beyond which the warmest motor cools
 HYSTERESIS, HYSTERESIS_STD = 5.0, 2.0  # K; a warm-up does not show when the fan stops
 TOLERANCE = 2.0  # deviations of that temperature, within which another recording shows the step
 RANK = 1e-6  # of columns that the others explain
@@ -90,17 +92,31 @@ class Rests:
         power: Of the meter less that of the drives, shape (N,). [W]
         warmest_degc: Highest that any motor had so far, shape (N,). [degC]
         heat: Copper loss of each motor over its coefficient, shape (N, n). [(N m)^2]
+        fall: Of the warmest motor now below the highest so far, shape (N,). [K]
     """
 
     time: Float
     power: Float
     warmest_degc: Float
     heat: Float
+    fall: Float
+
+    @property
+    def least(self) -> int:
+        """Rests on each side of a step; constant, slope, step and joints are fewer than both."""
+        return max(LEAST, (self.heat.shape[1] + 5) // 2)
 
     @property
     def places(self) -> range:
         """Rests with enough others on both sides."""
-        return range(LEAST, len(self.time) - LEAST + 1)
+        return range(self.least, len(self.time) - self.least + 1)
+
+    @property
+    def warming(self) -> Rests:
+        """Those at which the warmest motor does not cool."""
+        rows = self.fall <= FALL
+        every = self.time, self.power, self.warmest_degc, self.heat, self.fall
+        return Rests(*(values[rows] for values in every))
 
     def start(self, degc: float, tolerance: float) -> int | None:
         """Return the rest with the surest step about a temperature; None if it is not passed.
@@ -185,8 +201,9 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
     """
     steps = [(part.step(first), part, first) for part in recordings for first in part.places]
     if not steps:
+        least = min((part.least for part in recordings), default=LEAST)
         raise NotIdentifiableError(
-            f"no recording has {2 * LEAST} rests with motor temperatures and a meter at the grid",
+            f"no recording has {2 * least} rests with motor temperatures and a meter at the grid",
             "rests before and after a fan starts",
             f"record {WARM_UP}",
         )
@@ -212,16 +229,25 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
             "a fan that starts while the robot warms up",
             f"record {WARM_UP}",
         )
+    rise = float(part.warmest_degc[: first + MOST][-1] - part.warmest_degc[0])
+    if rise < thermometer:
+        raise NotIdentifiableError(
+            f"the power at rest has a step of {power:.1f} W, but no motor warms up: the warmest by "
+            f"{rise:.2g} K",
+            "a fan that starts while the robot warms up",
+            f"record {WARM_UP}",
+        )
     down = min(
         (
             rest.step(at)
             for other, place in zip(recordings, starts, strict=True)
-            for rest in [other if place is None else other.less(power, place)]
+            for rest in [(other if place is None else other.less(power, place)).warming]
             for at in rest.places
         ),
         key=lambda one: one.score,
+        default=None,
     )
-    if down.score < -SURE:
+    if down is not None and down.score < -SURE:
         raise NotIdentifiableError(
             f"the power at rest has a step of {power:.1f} W and one of {down.power:.1f} W while "
             "the motors warm up",
@@ -239,12 +265,14 @@ def _usable(part: Recording) -> bool:
 
 def _rests(part: Recording) -> Rests:
     pieces, power = at_rest(part, holding(part))
-    so_far = np.fmax.accumulate(np.fmax.reduce(part.power.motor_temperature_degc, axis=1))
+    warmest = np.fmax.reduce(part.power.motor_temperature_degc, axis=1)
+    so_far = np.fmax.accumulate(warmest)
+    fall = np.nan_to_num(so_far - warmest)  # where it is unknown, it counts as warm
     middle = 0.5 * NANOSECOND * (pieces.stamp_ns + pieces.end_ns)
     row = row_of(part, pieces)
     torque, degc = winding_torque(part)[row], part.power.motor_temperature_degc[row]
     heat = loss_columns(np.zeros_like(torque), torque, np.where(np.isnan(degc), COOL, degc))
-    values = (middle, power, so_far[row], heat[..., TERMS.index("copper")])
+    values = (middle, power, so_far[row], heat[..., TERMS.index("copper")], fall[row])
     known = np.flatnonzero(np.isfinite(np.column_stack(values)).all(axis=1))
     own = [parted(pieces[known], each[known]) for each in values]
     return Rests(*(np.array([one.mean(axis=0) for one in each]) for each in own))

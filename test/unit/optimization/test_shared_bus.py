@@ -7,8 +7,8 @@ import robot_energy as re
 from places import ROOT
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.schema import Capacitor
+from robot_energy.model.figure import Figure, PositiveFigure
+from robot_energy.model.schema import CabinetFan, Capacitor
 from robot_energy_cli.main import main
 from robot_energy_plan.optimization.levelling import drawn, level_starts
 
@@ -37,6 +37,23 @@ def test_programs_in_a_common_cycle():
     assert 0 < report.saved_any_start < report.saved_best <= 2.001 * report.robots[0].brake_energy
     assert report.robots[1].start > 0
     assert report.brake_energy == pytest.approx(report.brake_energy_apart)
+
+
+@pytest.mark.parametrize(
+    ("motions", "given"),
+    [([MOVES, MOVES], {"temperature": 40.0}), ([COLD, WARM], {"same_start": True})],
+)
+def test_a_fan_takes_its_power_from_own_supplies_and_from_the_bus(motions, given):
+    model = load("kr16")
+    power, above = PositiveFigure(value=100.0, tag="assumed"), Figure(value=0.0, tag="assumed")
+    fan = CabinetFan(power=power, on_above_degc=above)
+    with_fan = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+    old, new = (re.shared_bus(motions, one, **given).report for one in (model, with_fan))
+    both = pytest.approx(2 * 100.0 * old.duration, rel=1e-6)
+    assert new.energy - old.energy == both
+    assert new.energy_apart - old.energy_apart == both
+    assert new.saved == pytest.approx(old.saved, abs=1e-6)
+    assert new.peak_power == pytest.approx(old.peak_power + 200.0)
 
 
 def test_a_robot_waits_until_the_cycle_is_over():

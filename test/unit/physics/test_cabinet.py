@@ -93,9 +93,9 @@ def test_capacitor_is_the_plain_recursion_however_the_input_is_cut(seed, cuts):
     np.testing.assert_allclose(np.concatenate(flow), expected, rtol=1e-9, atol=1e-6)
 
 
-def cabinet_with_fan(**known):
+def cabinet_with_fan(hysteresis=figure(5.0), **known):
     fan = {"power": figure(30.0), "on_above_degc": {**figure(45.0), **known}}
-    fan["hysteresis"] = figure(5.0)
+    fan["hysteresis"] = hysteresis
     return Cabinet.model_validate(
         {"loss_grid": figure(250.0), "loss_dc": figure(150.0), "fan": fan}
     )
@@ -127,6 +127,12 @@ def test_within_its_deviation_a_fan_counts_by_the_probability_that_it_runs():
     warmest = np.array([30.0, 43.5, 42.0, 46.5, 50.0, 42.5, 41.5, 30.0])
     expected = [0.0, 7.5, 7.5, 22.5, 30.0, 27.5, 22.5, 0.0]
     np.testing.assert_allclose(stage.step(warmest[:, None]), expected, atol=1e-12)
+
+
+def test_above_its_start_a_fan_runs_even_if_its_hysteresis_is_smaller_than_the_deviation_of_that():
+    """It stops uniformly from 44 - 3.5 to 44 + 3.5 degC, which 45.1 degC does not exclude."""
+    stage = FanStage(cabinet_with_fan({**figure(1.0), "std": 2.0}))
+    assert stage.step(np.array([[30.0], [45.1], [45.0]])).tolist()[:2] == [0.0, 30.0]
 
 
 def test_a_fan_without_any_temperature_counts_half():

@@ -28,7 +28,20 @@ def rests(step, noise=0.0, seed=0, at=FIRST, slope=0.01):
     heat = random.uniform(0.0, 8.0, (COUNT, 3)) * (1.0, 1.0, 0.0)  # an upright axis holds nothing
     power = 100.0 + slope * time + heat @ (6.0, 2.0, 3.0) + step * (np.arange(COUNT) >= at)
     power += random.normal(0.0, noise, COUNT) if noise else 0.0
-    return Rests(time, power, 20.0 + 0.25 * np.arange(COUNT), heat)
+    return Rests(time, power, 20.0 + 0.25 * np.arange(COUNT), heat, np.zeros(COUNT))
+
+
+def and_cooling(warm_up, stops, seed=1):
+    """The warm-up, then as long a cool-down, with a step of the power after some rests of it."""
+    random = np.random.default_rng(seed)
+    level = 100.0 + 0.01 * warm_up.time[-1] + np.where(np.arange(COUNT) < stops, 30.0, 0.0)
+    return Rests(
+        4.0 * np.arange(2 * COUNT),
+        np.append(warm_up.power, level + random.normal(0.0, 1.0, COUNT)),
+        np.append(warm_up.warmest_degc, np.full(COUNT, warm_up.warmest_degc[-1])),
+        np.append(warm_up.heat, np.zeros((COUNT, 3)), axis=0),
+        np.append(warm_up.fall, 0.25 * np.arange(COUNT)),
+    )
 
 
 def test_a_step_of_30_watts_is_a_fan_of_30_watts_from_the_temperature_before_it():
@@ -64,6 +77,40 @@ def test_what_is_no_fan_is_refused(every, why):
     """A slope; a warm-up through the same temperature without a step; a load that stops."""
     with pytest.raises(NotIdentifiableError, match=why):
         fan_of(every, 1.5)
+
+
+def test_a_fan_that_also_stops_while_the_robot_cools_is_found():
+    """In the recording of its start or in another one; not while motors are as warm as before."""
+    warm_up = rests(30.0, 1.0)
+    both = and_cooling(warm_up, 60)
+    cooling = Rests(*(getattr(both, name)[COUNT:] for name in both.__dataclass_fields__))
+    for every in ([both], [warm_up, cooling]):
+        assert fan_of(every, 1.5).power == pytest.approx(30.0, abs=1.0)
+    with pytest.raises(NotIdentifiableError, match="and one of -"):
+        fan_of([replace(both, fall=np.zeros(2 * COUNT))], 1.5)
+
+
+def test_a_step_while_no_motor_warms_up_is_no_fan():
+    still = replace(rests(30.0, 1.0), warmest_degc=np.full(COUNT, 40.0))
+    with pytest.raises(NotIdentifiableError, match="no motor warms up: the warmest by 0 K"):
+        fan_of([still], 1.5)
+
+
+@pytest.mark.parametrize(("joints", "enough"), [(20, 24), (21, 26), (30, 34)])
+def test_rests_are_more_than_what_is_fitted_to_them(joints, enough):
+    """Constant, slope, step and the copper loss of each joint; at least one rest more."""
+    random = np.random.default_rng(0)
+
+    def first(count):
+        heat = random.uniform(0.0, 1.0, (count, joints))
+        power, degc = random.normal(100.0, 1.0, count), np.arange(count)
+        return Rests(10.0 * np.arange(count), power, degc, heat, np.zeros(count))
+
+    assert first(enough).step(enough // 2).std > 0.0
+    with pytest.raises(NotIdentifiableError, match=f"no recording has {enough} rests"):
+        fan_of([first(enough - 1)], 1.5)
+    with pytest.raises(NotIdentifiableError, match="no step"):
+        fan_of([first(enough)], 1.5)
 
 
 def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
