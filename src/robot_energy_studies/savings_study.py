@@ -55,8 +55,8 @@ class SavingsStudySize(Described):
     limits: int
     waits: Annotated[
         bool,
-        "Whether every cycle leaves 3 to 8 s of waiting and nothing else is judged; joints of "
-        "every second plant creep at rest until friction carries a part of the load.",
+        "Whether only cycles with 3 to 8 s of waiting are judged. Joints of every second plant "
+        "then creep at rest until friction carries a part of the load.",
     ] = False
 
 

@@ -17,8 +17,8 @@ class InputOptions(TypedDict, total=False):
         "topics of sensor_msgs/JointState; several where each brings some of the joints",
         value="TOPIC", several="in a row", group=TOPICS)]
     effort: Annotated[str | None, Option(
-        "what the effort in the joint states is; with it, measured shaft energy is compared with "
-        "the predicted one per joint; never guessed: none means that it is not used",
+        "what the effort in the joint states is; with it, the shaft power of each joint is known "
+        "by measurement, too; never guessed: none means that it is not used",
         absent="that of --inputs, else none", value="MEANING",
         choices=("none", "motor_current", "motor_torque", "joint_torque"), group=TOPICS)]
     derivative_window: Annotated[float | None, Option(
@@ -26,8 +26,8 @@ class InputOptions(TypedDict, total=False):
         "velocities come from the positions",
         absent="0.02 s", unit="s", low=1e-6, high=LATEST, group=SETTINGS)]
     stamp_source: Annotated[str | None, Option(
-        "where the stamps of joint states come from: the header, or the time of receipt, for "
-        "drivers that do not set it",
+        "where the stamps of joint states come from: the header, or the time at which they were "
+        "received or recorded, for drivers that do not set it",
         absent="that of --inputs, else header", choices=("header", "receive"), group=SETTINGS)]
     reorder_window: Annotated[float | None, Option(
         "how long a joint state waits for older ones that arrive later, to sort them",
