@@ -43,7 +43,7 @@ class _Generator(GenerateJsonSchema):
         found, kind = super().model_schema(schema), schema["cls"]
         prose = (kind.__doc__ or "").removesuffix(section_of(kind))
         found["description"] = " ".join(prose.split())
-        texts = {name: text for base in reversed(kind.__mro__) for name, text in texts_of(base)}
+        texts = texts_of(kind)
         for key, field in found.get("properties", {}).items():
             field.pop("title", None)
             if "gt" in field:  # as pydantic writes a bound behind a validator of its own

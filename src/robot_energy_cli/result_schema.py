@@ -135,7 +135,7 @@ class _Generator(GenerateJsonSchema):
 
     def dataclass_schema(self, schema: core_schema.DataclassSchema) -> JsonSchemaValue:
         kind = cast("Any", schema["cls"])
-        described = {n: text for base in reversed(kind.__mro__) for n, text in texts_of(base)}
+        described = texts_of(kind)
         shown_fields = {entry.name for entry in fields(kind) if entry.repr}
         arguments = cast("core_schema.DataclassArgsSchema", schema["schema"])
         properties = {

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -54,21 +55,21 @@ def open_figures(*rows: tuple[str, str, str, float, float, float, str]) -> tuple
 
 
 class SensitivityRow(Result):
-    """One open figure.
+    """One open figure."""
 
-    Attributes:
-        elasticity: Relative change of the result per relative change of the figure: mean slope
-            over the range times nominal figure over nominal result; None where the nominal
-            figure is 0. [-]
-        reproduces: The value inside the range that gives the published result, all else
-            nominal; None where there is none.
-    """
-
-    figure: OpenFigure
-    at_low: float
-    at_high: float
-    elasticity: Number
-    reproduces: Number
+    figure: Annotated[OpenFigure, "Its name, unit and range."]
+    at_low: Annotated[float, "Result with it at its lower end, all else nominal."]
+    at_high: Annotated[float, "Result with it at its upper end, all else nominal."]
+    elasticity: Annotated[
+        Number,
+        "Relative change of the result per relative change of the figure: mean slope over the "
+        "range times nominal figure over nominal result; None where the nominal figure is 0. [-]",
+    ]
+    reproduces: Annotated[
+        Number,
+        "The value inside the range that gives the published result, all else nominal; None where "
+        "there is none.",
+    ]
 
 
 class Spread(Result):
@@ -76,34 +77,31 @@ class Spread(Result):
 
     A figure lies below its nominal value in one half of the draws and above it in the other,
     uniformly; uniformly over its range where the nominal value is an end. A switch is on in half.
-
-    Attributes:
-        draws: How many, without those in which no motion is possible.
-        quantiles: Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest.
-        reaching: Share of the draws whose result is at least as far from the nominal one as that
-            of the paper, on its side. [-]
     """
 
-    draws: int
-    seed: int
-    quantiles: tuple[float, ...]
-    reaching: float
+    draws: Annotated[int, "Number of draws, without those in which no motion is possible."]
+    seed: Annotated[int, "Of the draws."]
+    quantiles: Annotated[
+        tuple[float, ...], "Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest."
+    ]
+    reaching: Annotated[
+        float,
+        "Share of the draws whose result is at least as far from the nominal one as that of the "
+        "paper, on its side. [-]",
+    ]
 
 
 class SensitivityTable(Result):
-    """What one quantity owes to the open figures.
+    """What one quantity owes to the open figures."""
 
-    Attributes:
-        reach: With every figure at the end that helps; None where no motion is possible there.
-        spread: With all figures drawn at once; None where none were drawn.
-    """
-
-    quantity: str
-    published: float
-    nominal: float
-    rows: tuple[SensitivityRow, ...]
-    reach: Number
-    spread: Spread | None
+    quantity: Annotated[str, "Name of the result."]
+    published: Annotated[float, "As in the paper."]
+    nominal: Annotated[float, "With all figures nominal."]
+    rows: Annotated[tuple[SensitivityRow, ...], "Of each open figure."]
+    reach: Annotated[
+        Number, "With every figure at the end that helps; None where no motion is possible there."
+    ]
+    spread: Annotated[Spread | None, "With all figures drawn at once; None where none were drawn."]
 
     @property
     def alone(self) -> list[SensitivityRow]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Annotated
@@ -91,8 +91,12 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
             yield Change(name, "s", getattr(before.meter, key, None), figure)
     for key, name in (("kept", "kept at rest from the last motion"), ("carried", "load carried")):
         if (figure := getattr(after.hold, key, None)) is not None:
-            unit = "of Coulomb"
+            unit = "of static friction"
             yield Change(f"torque {name}", unit, getattr(before.hold, key, None), figure)
+    statics = zip(after.joints, _statics(before), _statics(after), strict=True)
+    for joint, was, figure in statics:
+        if figure is not None:
+            yield Change(f"{joint.name} static friction", "of Coulomb", was, figure)
     old_link, new_link = before.cabinet.capacitor, after.cabinet.capacitor
     if new_link is None:
         return
@@ -103,6 +107,15 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
     ):
         was = None if old_link is None else getattr(old_link, key)
         yield Change(name, unit, was, getattr(new_link, key))
+
+
+def _statics(model: RobotModel) -> Sequence[Figure | None]:
+    """Static friction of each joint over its Coulomb torque, as well known as the hold itself."""
+    hold = model.hold
+    if hold is None or hold.static is None:
+        return [None] * len(model.joints)
+    tag, source = hold.kept.tag, hold.kept.source
+    return [Figure(value=value, tag=tag, source=source) for value in hold.static]
 
 
 def changes_document(before: RobotModel, after: RobotModel, page: Document) -> None:

@@ -30,8 +30,10 @@ from robot_energy.foundation.shown_text import shown
 KEPT = 16  # latest trace entries of each kind, so that restarts never push out a reset
 FORMAT_VERSION = 5
 TraceKind = Literal[
-    "reset", "restart", "model_changed", "began_anew", "file_lost", "register_added"
-]
+    "reset", "restart", "model_changed", "began_anew", "file_lost", "register_added",
+    "adopted", "repaired",
+]  # fmt: skip
+"""What happened. ``adopted`` and ``repaired`` are only read: files of this format hold them."""
 
 
 class Remainders(RecordPart):

@@ -13,6 +13,7 @@ from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
 FORMAT_VERSION = 3
+THERMAL_VERSION = 4  # of `ThermalRecord`
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=0, le=MAX_COUNTER)]
@@ -102,10 +103,13 @@ class ThermalRecord(ConditionPart):
 
     Attributes:
         end_ns: End of the newest window that was taken. [ns]
-        state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat.
+        state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat,
+            gear [degC].
+        begun: Of every motor, whether the temperature of its gear is known.
     """
 
     model_id: str
     end_ns: Stamp
     state: Numbers
     covariance: Numbers
+    begun: tuple[bool, ...]

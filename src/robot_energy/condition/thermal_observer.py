@@ -197,6 +197,7 @@ class ThermalObserver:
             end_ns=self.end_ns,
             state=flat(self._filter.x),
             covariance=flat(self._filter.covariance),
+            begun=tuple(self._filter.begun.tolist()),
         )
 
     def restore(self, record: ThermalRecord) -> None:
@@ -206,7 +207,11 @@ class ThermalObserver:
                 f"temperatures of model {record.model_id}", f"model {self._model.model_id}"
             )
         state = self._filter
-        state.go_on(filled(record.state, state.x), filled(record.covariance, state.covariance))
+        state.go_on(
+            filled(record.state, state.x),
+            filled(record.covariance, state.covariance),
+            filled(record.begun, state.begun),
+        )
         self.end_ns, self._window = record.end_ns, None
         self._publish()
 

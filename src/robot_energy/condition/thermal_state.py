@@ -85,20 +85,20 @@ class ThermalState:
         start[HEAT, HEAT] = HEAT_STD**2
         self.covariance: Float = np.tile(start, (count, 1, 1))
         self.begun = self.networks & self.has_gear
-        self._kept = False
+        self._kept = np.zeros(count, np.bool_)  # whose gear goes on from an earlier state
         self._without = ~self.has_gear & self.has_gear.any()
         self.x[self._without, GEAR] = 0.0
         self.covariance[self._without, GEAR, :] = self.covariance[self._without, :, GEAR] = 0.0
 
-    def go_on(self, x: Float, covariance: Float) -> None:
+    def go_on(self, x: Float, covariance: Float, begun: NDArray[np.bool_]) -> None:
         """Go on from an earlier state.
 
         Args:
             x: Temperatures, and the factor of the heat, shape (count, 5). [degC, -]
             covariance: Of them, shape (count, 5, 5). [K^2, K, -]
+            begun: Whose gear was known, shape (count,).
         """
-        self.x, self.covariance, self._kept = x, covariance, True
-        self.begun[:] = True
+        self.x, self.covariance, self.begun, self._kept = x, covariance, begun, begun.copy()
 
     @property
     def gears(self) -> NDArray[np.bool_]:
@@ -162,9 +162,9 @@ class ThermalState:
         self.covariance[started, GEAR, :] = self.covariance[started, MOTOR, :]
         self.covariance[started, :, GEAR] = self.covariance[started, :, MOTOR]
         self.covariance[started, GEAR, GEAR] = self.covariance[started, MOTOR, MOTOR]
-        expected = before if self._kept else self.x[:, AMBIENT]
+        expected = np.where(self._kept, before, self.x[:, AMBIENT])
         off = GEAR_START_SHARE * np.abs(self.x[:, MOTOR] - expected)
-        own = (off if self._kept else GEAR_START_STD + off) ** 2
+        own = (off + np.where(self._kept, 0.0, GEAR_START_STD)) ** 2
         self.covariance[first, GEAR, GEAR] += own[first]
 
     def cool(self, duration_ns: int) -> None:

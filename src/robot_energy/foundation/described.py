@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TypeVar, dataclass_transform
 
@@ -15,12 +14,15 @@ from robot_energy.foundation.options import Option
 Class = TypeVar("Class", bound=type)
 
 
-def texts_of(kind: type) -> Iterator[tuple[str, str]]:
-    """Yield what the annotations of a class say of each name, in words."""
-    for name, annotation in inspect.get_annotations(kind, eval_str=True).items():
-        about = getattr(annotation, "__metadata__", ("",))[-1]
-        if isinstance(about, str | Option):
-            yield name, str(about)
+def texts_of(kind: type) -> dict[str, str]:
+    """Return what the annotations of a class and of its bases say of each name, in words."""
+    texts: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        for name, annotation in inspect.get_annotations(base, eval_str=True).items():
+            about = getattr(annotation, "__metadata__", (None,))[-1]
+            if isinstance(about, str | Option):
+                texts[name] = str(about)
+    return texts
 
 
 def documented(kind: Class) -> Class:
@@ -31,7 +33,7 @@ def documented(kind: Class) -> Class:
 
 def section_of(kind: type) -> str:
     """Return what the annotations of a class say, as the last section of its docstring."""
-    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind))
+    lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind).items())
     return f"\n\nAttributes:{lines}" if lines else ""
 
 

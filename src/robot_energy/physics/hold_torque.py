@@ -28,6 +28,9 @@ MOVING = 5.0
 REVERSED = 0.2
 """Time in which the slowest such motion goes so far that friction follows its direction. [s]"""
 
+PARTS = 2.0**26
+"""Parts of that angle, whole numbers of which are summed: exact, however a motion is cut."""
+
 LONGEST_STEP = 0.1
 """Time between samples for which a motion goes on at most. [s]"""
 
@@ -166,10 +169,11 @@ class LastMotion:
         moving = np.abs(motor_velocity) > self._least
         sign = _held(np.sign(motor_velocity), moving, self._sign)
         turned = sign != np.vstack([self._sign, sign[:-1]])
-        angle = np.where(moving, np.abs(motor_velocity) * step, 0.0)
-        total = self._angle + np.cumsum(angle, axis=0)
+        share = np.abs(motor_velocity) * step / (REVERSED * self._least)
+        angle = np.rint(np.where(moving, np.fmin(share, 1.0), 0.0) * PARTS)
+        total = np.minimum(self._angle, PARTS) + np.cumsum(angle, axis=0)
         angle = total - _held(total - angle, turned, np.zeros_like(self._angle))
-        direction = _held(sign, angle >= REVERSED * self._least, self.direction)
+        direction = _held(sign, angle >= PARTS, self.direction)
         self.direction, self._sign, self._angle = direction[-1], sign[-1], angle[-1]
         self._last_ns = int(stamp_ns[-1])
         return direction

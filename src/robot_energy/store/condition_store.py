@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from robot_energy.condition.learner import ConditionLearner, ConditionRecord
-from robot_energy.condition.record import FORMAT_VERSION, ThermalRecord
+from robot_energy.condition.record import FORMAT_VERSION, THERMAL_VERSION, ThermalRecord
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import file_name_of, identity_of
@@ -37,13 +37,13 @@ class ConditionStore(SlotStore[Any]):
     ) -> None:
         slots: SlotPair[Any] | None = None
         if folder is not None and learner.learns:
-            what, record = (
-                ("learned", ConditionRecord)
+            what, version, record = (
+                ("learned", FORMAT_VERSION, ConditionRecord)
                 if isinstance(learner, ConditionLearner)
-                else ("thermal", ThermalRecord)
+                else ("thermal", THERMAL_VERSION, ThermalRecord)
             )
             name = f"{file_name_of(identity_of(model, node))}-{what}-{model.model_id}"
-            slots = SlotPair(folder, name, FORMAT_VERSION, record.from_json)
+            slots = SlotPair(folder, name, version, record.from_json)
         super().__init__(slots, submit)
         self._learner = learner
 
@@ -64,6 +64,9 @@ class ConditionStore(SlotStore[Any]):
         return None if state is None else state.to_json()
 
     def _adopt(self, stored: Stored[Any]) -> None:
+        if stored.notices and stored.value is None:
+            learned = isinstance(self._learner, ConditionLearner)
+            self.notices.append(f"{'learned figures' if learned else 'temperatures'} begin again")
         if stored.value is not None:
             self._learner.restore(stored.value)
         self.trouble = ""

@@ -39,6 +39,9 @@ HIGHEST = np.array([np.log(36000.0), 1.0, np.log(300.0), np.log(150.0)])
 """Middle, spread and bounds of the figures: logarithm of the time constant [s]; G_m / (G_m + G_a);
 logarithm of the rise by the mean friction power [K]; logarithm of c [K]."""
 MAX_START = 40.0  # K of a gear from its motor, at the start of a recording
+SOAKED_SHARE = 0.0
+"""`_Axis.share` of recordings of a soaked robot. Whether they are is for the data to say: in short
+ones a free start makes up for what the law of friction lacks."""
 
 
 class GearRun(Described):
@@ -120,16 +123,20 @@ def lagged(target: Float, time: float, start: Float) -> Float:
 
 
 class _Axis:
-    """The runs of one axis, and what a law on their temperatures leaves of the torque."""
+    """The runs of one axis, and what a law on their temperatures leaves of the torque.
 
-    def __init__(self, runs: Sequence[GearRun], ambient: float) -> None:
+    Args:
+        share: Deviation of the start of a gear, over how far its motor is from the air. [-]
+    """
+
+    def __init__(self, runs: Sequence[GearRun], ambient: float, share: float) -> None:
         self.runs, self.ambient = runs, ambient
         self.mean_power = max(
             float(np.mean(np.concatenate([r.friction_power for r in runs]))), 1e-6
         )
         self.middle = float(np.mean(np.concatenate([r.motor_temperature_degc for r in runs])))
         above = np.array([abs(run.motor_temperature_degc[0] - ambient) for run in runs])
-        self.start_std = GEAR_START_STD + GEAR_START_SHARE * above
+        self.start_std = GEAR_START_STD + share * above
 
     def degc(self, values: Float, starts: Float) -> list[Float]:
         """Temperature of the gear in each window of each run."""
@@ -253,7 +260,11 @@ def fit_gear(
             f"{MIN_RISE:g} K",
             "record one warm-up of half an hour or more from a cold start",
         )
-    error, motor_error = _held_out(runs, ambient_degc)
+    share = GEAR_START_SHARE
+    error, motor_error = _held_out(runs, ambient_degc, share)
+    soaked, _ = _held_out(runs, ambient_degc, SOAKED_SHARE)
+    if soaked < GAIN * error:
+        error, share = soaked, SOAKED_SHARE
     if not error < GAIN * motor_error:
         raise NotIdentifiableError(
             f"{data.name}: friction that follows a gear predicts the friction work of a minute "
@@ -262,7 +273,7 @@ def fit_gear(
             "a gear that predicts better",
             "its friction follows the motor temperature",
         )
-    axis = _Axis(runs, ambient_degc)
+    axis = _Axis(runs, ambient_degc, share)
     found = axis.fit()
     followed = np.full(len(data), np.nan)
     numbers = np.unique(data.run[np.isfinite(data.motor_temperature_degc)])
@@ -284,7 +295,7 @@ def fit_gear(
     return fit, replace(data, motor_temperature_degc=followed, method="ols")
 
 
-def _held_out(runs: Sequence[GearRun], ambient: float) -> tuple[float, float]:
+def _held_out(runs: Sequence[GearRun], ambient: float, share: float) -> tuple[float, float]:
     """Error of the friction work per minute, with gear and with motor, that the fits have not seen.
 
     Minutes of all recordings are left out in turn. The temperature of a gear does not need the
@@ -298,7 +309,7 @@ def _held_out(runs: Sequence[GearRun], ambient: float) -> tuple[float, float]:
     for fold in range(FOLDS):
         left_out = [minute % FOLDS == fold for minute in minutes]
         train = _Axis(
-            [run.without(rows) for run, rows in zip(runs, left_out, strict=True)], ambient
+            [run.without(rows) for run, rows in zip(runs, left_out, strict=True)], ambient, share
         )
         found = train.fit()
         gears = train.degc(found.values, found.starts)

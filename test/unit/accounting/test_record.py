@@ -196,6 +196,14 @@ def test_a_record_that_is_not_exactly_right_is_refused(changes: dict[str, object
         AccountRecord.from_json(json.dumps(record_json(**changes)).encode())
 
 
+@pytest.mark.parametrize("kind", ["adopted", "repaired"])
+def test_events_that_are_not_written_any_more_are_read(kind: str) -> None:
+    """Files of this format hold them; refusing one would set the registers to zero."""
+    event = {"kind": kind, "stamp_ns": None, "text": "of another node"}
+    record = AccountRecord.from_json(json.dumps(record_json(trace=[event])).encode())
+    assert record.trace[0].kind == kind
+
+
 def test_every_energy_and_time_of_a_record_names_its_unit() -> None:
     totals = record_json()["totals"]
     totals |= totals.pop("auxiliary")  # by load, empty here

@@ -150,6 +150,21 @@ def test_a_restart_goes_on_where_it_was():
     assert rested.condition.thermal.friction_std[0] < 3.0  # the air may have changed by 2.4 K
 
 
+def test_a_gear_that_was_not_known_before_a_restart_begins_at_its_motor():
+    """No temperature was read for a minute; after the restart the motor has 60 degC."""
+    blind = EnergyPipeline(wheel())
+    blind.step(turning(60.0))
+    blind.flush()
+    record = blind.condition.thermal.state()
+    again, fresh = EnergyPipeline(wheel()), EnergyPipeline(wheel())
+    again.condition.thermal.restore(type(record).from_json(record.to_json()))
+    for pipeline in (again, fresh):
+        played(pipeline, turning(15.0, start=170.0), readings(15, 60.0, start=170))
+    kept, new = again.condition.thermal, fresh.condition.thermal
+    assert kept.friction_degc[0] == pytest.approx(new.friction_degc[0], abs=0.1)
+    assert kept.friction_std[0] == pytest.approx(new.friction_std[0], rel=0.05)
+
+
 @pytest.mark.parametrize("off", [0.0, 25.0])
 def test_after_a_restart_the_deviation_goes_on_unless_a_motor_is_elsewhere(off):
     first, again = EnergyPipeline(wheel(std=0.0)), EnergyPipeline(wheel(std=0.0))

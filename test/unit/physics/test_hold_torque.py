@@ -96,6 +96,21 @@ def test_a_gear_that_unwinds_after_a_stop_turns_no_direction():
         assert np.array_equal(directions(cut), whole)
 
 
+@pytest.mark.parametrize("speed", [1.25, 2.0])
+def test_a_steady_speed_turns_the_direction_at_the_same_sample_however_it_is_cut(speed):
+    """It reaches the least angle exactly at a sample, where a sum of floats would be rounded."""
+    random = np.random.default_rng(0)
+    least = np.array([0.5, 0.7])
+    stamp = np.arange(400) * 4_000_000
+    for _ in range(30):
+        velocity = least * np.repeat(random.choice([-speed, speed, 0.0], (5, 2)), 80, axis=0)
+        whole = LastMotion(least).follow(stamp, velocity)
+        motion, cuts = LastMotion(least), np.sort(random.choice(np.arange(1, 400), 9, False))
+        parts = [motion.follow(*part) for part in zip(
+            np.split(stamp, cuts), np.split(velocity, cuts), strict=True)]  # fmt: skip
+        assert np.array_equal(np.concatenate(parts), whole)
+
+
 def test_the_direction_is_that_of_the_last_motion_however_it_is_cut():
     model = arm(kept=0.6)
     for direction in (1.0, -1.0):

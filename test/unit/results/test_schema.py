@@ -147,8 +147,7 @@ def given(tmp_path_factory):
 
 def checked_rows(document, title, columns, rows, total=""):
     """Add a table of objects whose units are those that the fields state."""
-    kinds = type(rows[0]).__mro__ if rows else ()
-    texts = {name: text for kind in kinds for name, text in texts_of(kind)}
+    texts = texts_of(type(rows[0])) if rows else {}
     for column in columns:
         unit = texts.get(column.value, "").partition("[")[2].rstrip("]").replace("] or [", " or ")
         if unit and column.unit:

@@ -3,10 +3,12 @@
 import numpy as np
 
 import robots
+from robot_energy.condition.record import THERMAL_VERSION
 from robot_energy.model import load
 from robot_energy.model.joint import JointThermal
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.store.condition_store import ConditionStore
+from robot_energy.store.envelope import unwrap, wrap
 from robot_energy.timeline.blocks import Learning
 
 
@@ -93,3 +95,12 @@ def test_estimated_temperatures_are_kept_and_need_no_learning(tmp_path):
     pipeline, store = opened_thermal()
     assert (store.trouble, store.notices) == ("", [])
     assert pipeline.condition.thermal.degc[0] == warm
+    store.close()
+    for path in tmp_path.glob("*-thermal-*.state"):  # as a release with another record wrote it
+        _, payload = unwrap(THERMAL_VERSION, path.read_bytes())
+        path.write_bytes(wrap(THERMAL_VERSION - 1, 1, payload))
+    pipeline, store = opened_thermal()
+    assert f"format {THERMAL_VERSION - 1}" in store.notices[0]
+    assert (store.trouble, store.notices[-1]) == ("", "temperatures begin again")
+    assert pipeline.condition.thermal.degc[0] < warm
+    assert list(tmp_path.glob("*-thermal-*.bad-1"))

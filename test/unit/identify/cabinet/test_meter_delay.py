@@ -135,6 +135,14 @@ def test_a_low_pass_is_found_and_undone(in_time, filtered, sharpened):
     assert sharpened.fit.losses.rms < 0.5 * blurred.losses.rms
 
 
+def test_recordings_of_other_sample_periods_show_the_same_low_pass(filtered):
+    """As long ones do, of which every second sample is kept."""
+    thin = replace(filtered, torque=filtered.torque[::2], power=filtered.power[::2], known=())
+    both = drive_data([filtered, thin], [None] * 2, measured_torque=True)
+    alone = estimate_time_constant(data_of(filtered)).applied
+    assert estimate_time_constant(both).applied == pytest.approx(alone, rel=0.05)
+
+
 def test_a_low_pass_does_not_take_up_a_delay(tmp_path):
     """A meter with both; without a DC link the supply passes on what the estimate takes it to."""
     profile = two_link_profile(tmp_path)

@@ -58,6 +58,15 @@ def test_a_known_delay_is_found_to_a_tenth_of_a_sample_and_undone(runs, samples)
     assert np.quantile(error, 0.9) < 1.0
 
 
+def test_recordings_of_other_sample_periods_do_not_change_a_delay(runs):
+    (names, block), (others, other) = runs
+    every_second = late(other, 6)[::2]
+    data = drive_data_of_logs(
+        [(contents(names), [late(block, 6)]), (contents(others), [every_second])], "newton_metre"
+    )
+    assert estimate_power_delay(data).value == pytest.approx(6 * PERIOD, abs=0.1 * PERIOD)
+
+
 def test_power_in_time_is_left_as_it_is(runs):
     data = samples_of(runs)
     found = estimate_power_delay(data)

@@ -5,12 +5,14 @@ import pytest
 
 import robots
 from plants import LIMITS, PROGRAM, two_link_profile
+from robot_energy.model.schema import Hold
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.friction.friction import fit_axes, with_friction
 from robot_energy_identify.friction.hold import fit_hold
 from robot_energy_identify.friction.samples import friction_data
 from robot_energy_plan.motion import Program
+from robot_energy_report.identify_all import changes
 from robot_energy_rig import RigConfig, VirtualRig
 from robot_energy_rig.record import record
 
@@ -69,3 +71,18 @@ def test_static_friction_of_a_joint_is_more_than_its_coulomb_torque(tmp_path):
     written = found.write(model, "bag")
     assert found.write(written, "bag") == written
     assert fit_hold([recording], written) == found  # whatever was found before
+
+
+def test_changes_of_the_model_name_the_static_friction_of_each_joint():
+    given = robots.two_link()
+    shares = {"kept": robots.figure(0.4), "carried": robots.figure(0.1), "std": 0.1}
+    alike = given.changed(hold=Hold(**shares))
+    apart = given.changed(hold=Hold(**shares, static=(1.5, 0.5)))
+    kept, carried, *rows = changes(given, apart)
+    assert kept.unit == carried.unit == "of static friction"
+    assert [(one.name, one.unit, one.before, one.after.value) for one in rows] == [
+        (f"{name} static friction", "of Coulomb", None, value)
+        for name, value in zip(given.joint_names, (1.5, 0.5), strict=True)
+    ]
+    assert len(changes(given, alike)) == 2
+    assert [one.name for one in changes(alike, apart)] == [one.name for one in rows]
