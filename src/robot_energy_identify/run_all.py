@@ -152,17 +152,17 @@ def identify_everything(
                 "friction": partial(friction_step, share=share_shape),
                 "capacitor": partial(capacitor_step, voltages=voltages, drives=drives),
             }
-            try:
-                step = make[subject](bags, now, source)
-                before = steps[-1].found if steps else None
-                if isinstance(before, CabinetFit) and before.fan is not None:
-                    if reason := fan_refused(step):
-                        steps[-1] = constants_step(bags, base, source, reason)
-                        step = make[subject](bags, steps[-1].model, source)
-            except (NotIdentifiableError, ImplausibleIdentificationError) as error:
-                if strict and isinstance(error, ImplausibleIdentificationError):
-                    raise
-                step = Step(subject, None, str(error), now)
+            step = _made(make[subject], subject, bags, now, source, strict)
+        before = steps[-1].found if steps and subject == "drives" else None
+        if isinstance(before, CabinetFit) and before.fan is not None:
+            if reason := fan_refused(step):
+                again = partial(constants_step, without_fan=reason)
+                steps[-1] = _made(again, "cabinet", bags, base, source, strict)
+                now = steps[-1].model
+                if subject in skip:
+                    step = replace(step, model=now)
+                else:
+                    step = _made(drives_step, subject, bags, now, source, strict)
         steps.append(step if strict else step.without_rows())
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
@@ -172,6 +172,23 @@ def identify_everything(
         if subject == "friction":
             base = now
     return FullIdentification(model, tuple(steps), delay, share_shape, low_pass)
+
+
+def _made(
+    make: MadeStep,
+    subject: Subject,
+    bags: Sequence[Bag],
+    model: RobotModel,
+    source: str,
+    strict: bool,
+) -> Step:
+    """A step, or one left out with its reason; arguments as in `identify_everything`."""
+    try:
+        return make(bags, model, source)
+    except (NotIdentifiableError, ImplausibleIdentificationError) as error:
+        if strict and isinstance(error, ImplausibleIdentificationError):
+            raise
+        return Step(subject, None, str(error), model)
 
 
 def _meter_lags(bags: Sequence[Bag], model: RobotModel) -> tuple[Delay | None, Delay | None]:

@@ -454,10 +454,12 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
 def fan_refused(drives: Step) -> str:
     """Return why the fan that was taken off the readings is not taken; empty if it is."""
     total = drives.found.total if isinstance(drives.found, DrivesFound) else None
-    if total is None or total.without_fan is None:
-        return ""
-    new, old = total.scores.get("identified"), total.without_fan
-    if new is None or new.beats(old):
+    new, old = (
+        (None, None) if total is None else (total.scores.get("identified"), total.without_fan)
+    )
+    if new is None or old is None:
+        return "without losses of the drives it cannot be tested on held-out readings"
+    if new.beats(old):
         return ""
     return (
         f"with a fan held-out readings are predicted no better (energy "

@@ -12,9 +12,9 @@ and gives it back first. In every case
 
 A fan that the warmest motor switches is a part of ``P_l,grid``: ``p P_fan``, with the probability
 ``p`` that it runs. At a warmest motor of T this is ``max(min(p, P(T > T_off)), P(T > T_on))``, with
-``T_off = T_on - hysteresis`` and the ``p`` before on the right. Start and stop are uniform within
-their deviations. Above all possible starts ``p`` is 1, below all possible stops it is 0. Where T
-passes neither limit, ``p`` stays.
+``T_off = T_on - hysteresis``; on the right is the previous ``p``. Start and stop are uniform within
+their deviations. Above all possible starts ``p`` is 1. Below all possible stops it is 0. Between
+stop and start ``p`` does not change.
 """
 
 from __future__ import annotations

@@ -275,4 +275,9 @@ def _rests(part: Recording) -> Rests:
     values = (middle, power, so_far[row], heat[..., TERMS.index("copper")], fall[row])
     known = np.flatnonzero(np.isfinite(np.column_stack(values)).all(axis=1))
     own = [parted(pieces[known], each[known]) for each in values]
-    return Rests(*(np.array([one.mean(axis=0) for one in each]) for each in own))
+    return Rests(
+        *(
+            np.array([one.mean(axis=0) for one in each]).reshape(-1, *whole.shape[1:])
+            for each, whole in zip(own, values, strict=True)
+        )
+    )

@@ -44,7 +44,8 @@ class TotalFound:
         delay: Of the meter behind the joint states; undone where it is sure. None where it
             cannot be determined, or was known before.
         low_pass: Time constant of a low pass in the meter; likewise.
-        fan_power: Of the fan of the cabinet, by all readings; None without one. [W]
+        fan_power: Of the fan that a step in these recordings shows, by all readings; None without
+            one. [W]
         without_fan: Score of identified losses without that fan; None without one.
     """
 
@@ -98,6 +99,11 @@ class DrivesFound:
             fan = changed.cabinet.fan
             if fan is not None and self.total.fan_power is not None:
                 power = fan.power.model_copy(update={"value": self.total.fan_power})
+                if power != fan.power:
+                    notes.append(
+                        "the power of the fan is fitted to all readings of the meter: "
+                        f"{power.value:.1f} W ({fan.power.value:.1f} W before)"
+                    )
                 fan = fan.model_copy(update={"power": power})
                 changed = changed.changed(cabinet=changed.cabinet.model_copy(update={"fan": fan}))
             known = total_covariance(self.total.data, self.total.fit, changed, model, source)
@@ -139,11 +145,11 @@ def find_drives(
         pieces = sums(data, model)
         fit = fit_total(pieces)
         fan_power = without = None
-        if model is not None and pieces.fan is not None:
+        if model is not None and pieces.fan is not None and _found_here(model, source):
             pieces, fan_power = _with_fan_fitted(pieces, fit, model)
             fit = fit_total(pieces)
             assert pieces.fan is not None
-            whole = replace(pieces, measured=pieces.measured + pieces.fan)
+            whole = replace(pieces, measured=pieces.measured + pieces.fan, fan=None)
             without = compare_total(whole, None)[1].get("identified")
         total = TotalFound(
             pieces, fit, *compare_total(pieces, model, fit), lag, low_pass, fan_power, without
@@ -155,6 +161,12 @@ def find_drives(
             "name the topic of the drives with --drive-power, or record the meter's topic",
         )
     return DrivesFound(drives, total, delay)
+
+
+def _found_here(model: RobotModel, source: str) -> bool:
+    """Whether a step in the recordings of this source shows the fan of a model."""
+    fan = model.cabinet.fan
+    return fan is not None and fan.power.tag == "identified" and fan.power.source == source != ""
 
 
 def _with_fan_fitted(pieces: Sums, fit: TotalFit, model: RobotModel) -> tuple[Sums, float]:

@@ -268,9 +268,10 @@ def compare_total(
         ways["drives_measured"] = data.drives + predict_held_out(
             fold, lambda train, test: np.full(int(test.sum()), np.median(rest[train]))
         )
+    fan = 0.0 if data.fan is None else data.fan  # scores are of the whole power
     shown = ("constant", "shaft", "given", *STRUCTURES[1:], "identified", "drives_measured")
     scores = {
-        name: energy_score(ways[name], data.measured, data.duration, fold)
+        name: energy_score(ways[name] + fan, data.measured + fan, data.duration, fold)
         for name in shown
         if name in ways
     }

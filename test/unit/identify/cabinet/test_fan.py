@@ -8,7 +8,7 @@ import pytest
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
-from robot_energy_identify.api.identify import identify_cabinet
+from robot_energy_identify.api.identify import identify_all, identify_cabinet
 from robot_energy_identify.cabinet.fan import Rests, fan_of
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.stats.cross_validation import EnergyScore
@@ -116,16 +116,19 @@ def test_rests_are_more_than_what_is_fitted_to_them(joints, enough):
 def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     """Power better by 2 %, and energy not worse."""
 
-    def reason(rms, energy):
-        total = SimpleNamespace(
-            without_fan=EnergyScore(20.0, 0.03, 0.05),
-            scores={"identified": EnergyScore(rms, energy, energy)},
-        )
+    old = EnergyScore(20.0, 0.03, 0.05)
+
+    def reason(rms, energy, old=old):
+        scores = {"identified": EnergyScore(rms, energy, energy)} if rms else {}
+        total = SimpleNamespace(without_fan=old, scores=scores)
         return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
 
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
     assert "6.0 % off and 15 W" in reason(15.0, 0.06)
+    assert "cannot be tested" in reason(None, 0.02)
+    assert "cannot be tested" in reason(15.0, 0.02, None)
+    assert "cannot be tested" in fan_refused(Step("drives", None, "too few readings", load("kr16")))
 
 
 def rig(*without):
@@ -153,6 +156,11 @@ def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
     assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
     assert fan.on_above_degc.value == pytest.approx(23.0, abs=2.0 * fan.on_above_degc.std)
     assert found.found.losses.fan.power == fan.power.value
+    others = ("dynamics", "friction", "drives", "capacitor", "thermal")
+    untested = identify_all(bag, model, skip=others, held_out=False)
+    assert untested.model.cabinet.fan is None
+    cabinet = next(step for step in untested.found.steps if step.subject == "cabinet")
+    assert "cannot be tested" in cabinet.found.fan_reason
     bag = record(rig("fan"), 480.0, tmp_path / "none").path
     without = identify_cabinet(bag, model)
     assert without.model.cabinet.fan is None

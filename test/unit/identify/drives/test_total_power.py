@@ -70,11 +70,22 @@ def test_readings_while_the_dc_link_gives_are_left_out(data):
     assert fit_total(sums(everything, MODEL)).constant < true - 50.0
 
 
-def fan_of(power, std):
-    known = {"tag": "identified"}
+def fan_of(power, std, tag="identified", source="bags"):
+    known = {"tag": tag, "source": source}
     on = Figure(value=45.0, **known)
     fan = CabinetFan(power=PositiveFigure(value=power, std=std, **known), on_above_degc=on)
     return MODEL.changed(cabinet=MODEL.cabinet.model_copy(update={"fan": fan}))
+
+
+def runs(stamp_ns):
+    """A fan in every second 5 s."""
+    return stamp_ns // 5_000_000_000 % 2 == 1
+
+
+def seen_with_fan(data, step):
+    """Readings with a fan of 60 W; the step showed another power."""
+    meters = [replace(one, power=one.power + 60.0 * runs(one.stamp_ns)) for one in data.meters]
+    return replace(data, meters=tuple(meters), fan_power=step * runs(data.stamp_ns))
 
 
 @pytest.mark.parametrize(("step", "std", "expected"), [(50.0, 10.0, 60.0), (50.0, 3.0, 50.0)])
@@ -82,21 +93,33 @@ def test_the_power_of_a_fan_is_that_of_all_readings_unless_its_step_contradicts_
     data, step, std, expected
 ):
     """60 W in every second 5 s; the step showed 50 W, which is all that counts if it is surer."""
-
-    def runs(stamp_ns):
-        return stamp_ns // 5_000_000_000 % 2 == 1
-
-    meters = [replace(one, power=one.power + 60.0 * runs(one.stamp_ns)) for one in data.meters]
-    seen = replace(data, meters=tuple(meters), fan_power=step * runs(data.stamp_ns))
-    model = fan_of(step, std)
+    seen, model = seen_with_fan(data, step), fan_of(step, std)
     found = find_drives(seen, model, "bags", in_time=True)
-    written, _ = found.write(model, "bags")
+    written, notes = found.write(model, "bags")
+    assert any("(50.0 W before)" in note for note in notes) == (expected != step)
     assert written.cabinet.fan.power.value == pytest.approx(expected, rel=0.1)
     assert written.cabinet.fan.power.std == std
     if expected == 60.0:
         without = find_drives(data, MODEL, "bags", in_time=True).total.fit
         assert found.total.fit.constant == pytest.approx(without.constant, abs=3.0)
         assert found.total.scores["identified"].rms < found.total.without_fan.rms
+
+
+@pytest.mark.parametrize(("tag", "source"), [("assumed", "bags"), ("identified", "others")])
+def test_a_fan_of_another_source_stays_as_given(data, tag, source):
+    seen, model = seen_with_fan(data, 50.0), fan_of(50.0, 10.0, tag, source)
+    found = find_drives(seen, model, "bags", in_time=True)
+    assert found.write(model, "bags")[0].cabinet.fan == model.cabinet.fan
+    assert found.total.without_fan is None
+
+
+def test_energies_are_compared_with_those_of_the_whole_reading(data):
+    """A fan of any constant power leaves the same errors, in W and over the same energy."""
+    whole = sums(data, MODEL)
+    known = replace(whole, measured=whole.measured - 50.0, fan=np.full(len(whole), 50.0))
+    score, expected = (compare_total(one, None)[1]["constant"] for one in (known, whole))
+    assert score.energy_error == pytest.approx(expected.energy_error)
+    assert score.rms == pytest.approx(expected.rms)
 
 
 def test_blocks_that_the_fit_predicted_are_not_predicted_again(data):
