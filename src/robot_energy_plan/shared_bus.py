@@ -231,7 +231,9 @@ def recorded_exchange(robots: Sequence[BusRobot], same_start: bool = False) -> B
         )
     stamp = np.unique(np.concatenate([one for one, _ in series]))
     stamp = stamp[(stamp >= begin) & (stamp <= end)]
-    powers = [[np.interp(stamp - begin, own - begin, one) for one in both] for own, both in series]
+    powers: list[list[Float]] = [
+        [np.interp(stamp - begin, own - begin, one) for one in both] for own, both in series
+    ]
     bus, fan = np.array(powers).swapaxes(0, 1)
     return exchange(stamp, bus, [robot.model.cabinet for robot in robots], fan)
 
@@ -289,7 +291,7 @@ def planned_exchange(robots: Sequence[BusRobot], cycle_time: float | None = None
 
     def at(time: Float, start: Float) -> Float:
         """P_dc and power of the fan of all robots at times of the cycle, shape (2, R, N)."""
-        powers = [
+        powers: list[list[Float]] = [
             [np.interp((time - float(begin)) % cycle, own, one) for one in both]
             for begin, own, (_, both) in zip(start.tolist(), times, series, strict=True)
         ]

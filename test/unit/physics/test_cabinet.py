@@ -93,9 +93,9 @@ def test_capacitor_is_the_plain_recursion_however_the_input_is_cut(seed, cuts):
     np.testing.assert_allclose(np.concatenate(flow), expected, rtol=1e-9, atol=1e-6)
 
 
-def cabinet_with_fan(hysteresis=figure(5.0), **known):
+def cabinet_with_fan(hysteresis=None, **known):
     fan = {"power": figure(30.0), "on_above_degc": {**figure(45.0), **known}}
-    fan["hysteresis"] = hysteresis
+    fan["hysteresis"] = hysteresis or figure(5.0)
     return Cabinet.model_validate(
         {"loss_grid": figure(250.0), "loss_dc": figure(150.0), "fan": fan}
     )
