@@ -1,11 +1,12 @@
 """Power at rest: held load alone, identified torque at rest, and measured torque.
 
-    python test/bench/rest.py [--plants 10] [--first 300] [--without EFFECT ...]
+    python test/bench/rest.py [--plants 10] [--first 300] [--warm-up] [--without EFFECT ...]
 
 Drawn plants of the virtual rig with every effect (simulated), every second one with friction that
 creeps until it carries a part of the load. Each is identified from three short recordings
-with torque and one power meter, then rests in 36 poses of another program. Errors of the mean
-power of each rest from its second second on, over the mean of all; RMS, and RMS about the mean.
+with torque and one power meter, or from these and an hour of warm-up, then rests in 36 poses of
+another program. Errors of the mean power of each rest from its second second on, over the mean
+of all; RMS, and RMS about the mean.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from warm_robots import BODIES, RATE, SOAKED, WarmPlant
+from warm_robots import AMBIENT, BODIES, RATE, SOAKED, WARM_UP, WarmPlant
 
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Settings
@@ -62,7 +63,9 @@ def errors(
     return np.array(off[:POSES]), np.array(mean[:POSES])
 
 
-def rows_of(folder: Path, number: int, seed: int, config: RigConfig) -> list[list[str]]:
+def rows_of(
+    folder: Path, number: int, seed: int, config: RigConfig, warm_up: bool
+) -> list[list[str]]:
     """Return the rows of one plant."""
     creeps = number % 2 == 1
     config = config.having("creep") if creeps else config
@@ -71,6 +74,9 @@ def rows_of(folder: Path, number: int, seed: int, config: RigConfig) -> list[lis
         record(plant.rig(at, plant.program(at, dwell, 1.0), degc), 90.0, folder / f"{seed}_{at}")
         for at, dwell, degc in zip((2, 3, 4), (0.5, 2.0, 0.5), SOAKED, strict=True)
     ]
+    if warm_up:
+        rig = plant.rig(0, plant.program(0, 1.0, plant.override), AMBIENT)
+        bags.append(record(rig, WARM_UP, folder / f"{seed}_warm_up"))
     paths = [bag.path for bag in bags]
     model = identify_all(paths, plant.body, "motor_torque", held_out=False, skip=["thermal"]).model
     pieces = list(outputs(plant.rig(9, plant.program(9, DWELL, 1.0), 40.0), SECONDS, 20.0))
@@ -94,6 +100,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plants", type=int, default=10, help="drawn plants, of three robots")
     parser.add_argument("--first", type=int, default=300, help="seed of the first plant")
+    parser.add_argument("--warm-up", action="store_true", help="record one as well")
     parser.add_argument("--without", nargs="*", default=[], help="effects of the rig to leave out")
     args = parser.parse_args()
     config = RigConfig.hard().without(*args.without)
@@ -101,7 +108,7 @@ def main() -> int:
     rows: list[list[str]] = []
     with tempfile.TemporaryDirectory() as folder:
         for number in range(args.plants):
-            found = rows_of(Path(folder), number, args.first + number, config)
+            found = rows_of(Path(folder), number, args.first + number, config, args.warm_up)
             for row in found:
                 print(*row, sep=" | ", flush=True)
             rows += found
