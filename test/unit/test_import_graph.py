@@ -117,7 +117,7 @@ MODULES = {
         savings schema store tariffs use
     """,
     "robot_energy_identify": """
-        bounds options plausibility provenance refused_recordings run_all steps
+        bounds friction_and_thermal options plausibility provenance refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify

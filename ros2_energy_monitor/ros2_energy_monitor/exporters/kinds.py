@@ -61,7 +61,7 @@ class ExporterBase:
     )
     robot_name: str = parameter("Name of the robot in topics and nodes.", "robot")
     stale_after: float = parameter(
-        "Age from which the newest message is no longer exported as current [s].",
+        "Age from which the newest message is not exported as current [s].",
         5.0,
         (0.5, 3600.0),
     )

@@ -140,7 +140,7 @@ class Newest:
     """The newest message of each topic.
 
     Attributes:
-        stale_after: Age from which a message is no longer current. [s]
+        stale_after: Age from which a message is not current. [s]
     """
 
     stale_after: float

@@ -219,9 +219,7 @@ class TemperatureSettings(ModelEntry):
         Field(ge=-40, le=150),
         "Reference temperature used before the first and after a stale reading, -40 to 150. [degC]",
     ]
-    stale_after: Annotated[Number, Field(gt=0), "Age at which a reading is no longer used. [s]"] = (
-        60.0
-    )
+    stale_after: Annotated[Number, Field(gt=0), "Age at which a reading is not used. [s]"] = 60.0
     ambient_degc: Annotated[
         Figure | None,
         "Temperature of the air around the robot, for motors with a thermal network; its "

@@ -215,7 +215,7 @@ class EpochSplitter:
             before = np.maximum.accumulate(np.concatenate([[self.newest_ns], stamp]))
             ahead, newest = stamp - before[:-1], int(before[-1])
         steps, most = ahead if rising else ahead[ahead > 0], int(ahead.max())
-        if most > reach.ahead_ns:  # the median of the periods is no shorter than the shortest
+        if most > reach.ahead_ns:  # the median of the periods is at least the shortest
             known = len(self._periods) > 0
             shortest = min(int(steps.min()), int(self._periods.min())) if known else 0
             if most > min(REACH_PERIODS * shortest, reach.max_ahead_ns):

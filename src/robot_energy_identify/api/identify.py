@@ -24,6 +24,7 @@ from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings
 from robot_energy_identify.dynamics.dynamics import identify_dynamics as fit_dynamics
 from robot_energy_identify.dynamics.dynamics_model import to_model
+from robot_energy_identify.friction_and_thermal import find_friction, find_thermal
 from robot_energy_identify.options import IdentifyOptions, SourceOptions
 from robot_energy_identify.plausibility import check_cabinet, check_dynamics, check_signs
 from robot_energy_identify.provenance import hashed, identified_from, require_distinct, require_some
@@ -51,7 +52,6 @@ from robot_energy_identify.results.identification import (
 from robot_energy_identify.run_all import identify_everything, with_provenance
 from robot_energy_identify.stats.held_out_energy import held_out_energy
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
-from robot_energy_identify.steps import find_friction, find_thermal
 from robot_energy_identify.thermal.windows import without_networks
 
 Found = TypeVar("Found", bound=Result)

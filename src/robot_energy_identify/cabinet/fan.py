@@ -186,7 +186,7 @@ def find_fan(recordings: Sequence[Recording]) -> FanFit:
     """Return the fan that a step in the power at rest shows.
 
     Raises:
-        NotIdentifiableError: If there is no such step, or no fan explains it.
+        NotIdentifiableError: If the power has no step, or no fan explains it.
     """
     usable = [part for part in recordings if _usable(part)]
     off = 2.0**0.5 * usable[0].sensors.std.thermometer if usable else 0.0

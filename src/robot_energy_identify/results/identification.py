@@ -18,6 +18,7 @@ from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.temperature_study import Study
+from robot_energy_identify.friction_and_thermal import FrictionFound, ThermalFound
 from robot_energy_identify.results.drives import (
     DrivesReport,
     MeterDelay,
@@ -27,7 +28,7 @@ from robot_energy_identify.results.drives import (
 from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
 from robot_energy_identify.run_all import FullIdentification
 from robot_energy_identify.stats.held_out_energy import HeldOutEnergy
-from robot_energy_identify.steps import DynamicsFound, FrictionFound, Step, ThermalFound
+from robot_energy_identify.steps import DynamicsFound, Step
 from robot_energy_identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW, GearsFound
 from robot_energy_identify.thermal.network import ThermalFit
 

@@ -1,4 +1,4 @@
-"""Files of a node are its own; what is no regular file is moved aside, or reported."""
+"""Files of a node are its own; what is not a regular file is moved aside, or reported."""
 
 import os
 from pathlib import Path

@@ -1,0 +1,136 @@
+"""Friction, gears, hold and thermal networks of all joints, as one identification finds them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model import RobotModel
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
+from robot_energy_identify.friction.hold import HoldFit, fit_hold
+from robot_energy_identify.friction.samples import friction_data
+from robot_energy_identify.friction.shared_shape import share_shape
+from robot_energy_identify.plausibility import check_friction
+from robot_energy_identify.thermal.gear import GearsFound, fit_gears
+from robot_energy_identify.thermal.gears_by_meter import gears_by_meter
+from robot_energy_identify.thermal.network import (
+    ThermalFit,
+    ambient_of,
+    fit_networks,
+    with_networks,
+)
+from robot_energy_identify.thermal.windows import runs_of_recordings
+
+
+@dataclass(frozen=True)
+class FrictionFound:
+    """Friction over temperature.
+
+    Attributes:
+        fits: One per axis that could be identified.
+        refused: Why the others could not, one sentence each.
+        gears: Temperatures of gears, which the friction of their axes follows.
+        hold: What motors hold at rest; None where too few rests show it.
+    """
+
+    fits: tuple[FrictionFit, ...]
+    refused: tuple[str, ...]
+    gears: GearsFound = field(default_factory=GearsFound)
+    hold: HoldFit | None = None
+
+    def write(self, model: RobotModel, source: str) -> RobotModel:
+        """Return a model with this friction, which follows gears where they were found.
+
+        Args:
+            model: Any model of the same robot.
+            source: Where the data come from.
+        """
+        names = [fit.name for fit in self.fits]
+        written = self.gears.write(with_friction(model, self.fits, source), names)
+        return written if self.hold is None else self.hold.write(written, source)
+
+
+def find_friction(
+    recordings: Sequence[Recording], model: RobotModel, source: str, share: bool = False
+) -> FrictionFound:
+    """Return the friction of every axis, over the temperature of gears where they show.
+
+    Args:
+        model: With which they were run.
+        source: Where the data come from.
+        share: Whether axes of too small a range borrow the temperature shape of others.
+
+    Raises:
+        NotIdentifiableError: If no axis shows its friction.
+        ImplausibleIdentificationError: If it contradicts physics.
+    """
+    axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
+    air = model.temperature.ambient_degc
+    gears, axes = fit_gears(axes, None if air is None else air.value, source)
+    fits, refused = fit_axes(axes, source)
+    if share:
+        fits = share_shape(fits, axes, source)
+    fits, implausible = check_friction(fits)
+    hold = fit_hold(recordings, with_friction(model, fits, source))
+    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold)
+
+
+@dataclass(frozen=True)
+class ThermalFound:
+    """Thermal networks of the motors.
+
+    Attributes:
+        ambient_degc: Temperature of the air: the coldest first reading. [degC]
+        fits: One per motor that could be identified.
+        refused: Why the others could not, one sentence each.
+        gears: Temperatures of gears, found by the power meter.
+    """
+
+    ambient_degc: float
+    fits: tuple[ThermalFit, ...]
+    refused: tuple[str, ...]
+    gears: GearsFound = field(default_factory=GearsFound)
+
+    def write(self, model: RobotModel) -> RobotModel:
+        """Return a model with these networks and gears.
+
+        Args:
+            model: Any model of the same robot.
+        """
+        written = with_networks(model, self.fits, self.ambient_degc)
+        return self.gears.write(written, [fit.name for fit in self.gears.fits])
+
+
+def find_thermal(
+    recordings: Sequence[Recording], model: RobotModel, ambient_degc: float | None, source: str
+) -> ThermalFound:
+    """Return thermal networks of motors, and gears by the power meter where torque gave none.
+
+    Args:
+        recordings: Run with the model without networks.
+        ambient_degc: Of the air; None: the coldest first reading. [degC]
+        source: Where the data come from.
+
+    Raises:
+        NotIdentifiableError: If there is neither a network nor a gear.
+    """
+    runs = [runs_of_recordings(recordings, joint) for joint in range(len(model.joints))]
+    fits, refused = list[ThermalFit](), list[str]()
+    failure: NotIdentifiableError | None = None
+    try:
+        ambient, fits, refused = fit_networks(model.joint_names, runs, ambient_degc, source)
+    except NotIdentifiableError as error:
+        failure = error
+        if not any(runs):
+            raise
+        ambient = ambient_of(runs) if ambient_degc is None else ambient_degc
+    gears = GearsFound()
+    if all(joint.gear is None for joint in model.joints):
+        gears = gears_by_meter(recordings, ambient, source)
+    if failure is not None:
+        if not gears.fits:
+            raise failure
+        refused = [str(failure)]
+    return ThermalFound(ambient, tuple(fits), tuple(refused), gears)
