@@ -5,9 +5,9 @@ power of the meter less the shaft power is, at temperature T of the warmest moto
 
     P_k + sum_i k_i (1 + alpha (T_i - 20)) tau_i^2 + c1 |w| + c2 w^2
 
-with a level P_k of its own for each recording and every 2 K in it. FanLevels follow
+with a level P_k of its own for each recording and every 2 K in it. Levels follow
 ``C + b T + P (T > T_on)``. What is warm has the slope b. T_on lies between the warmest level
-without the fan and the coldest with it. FanLevels of one recording have an error in common, as
+without the fan and the coldest with it. Levels of one recording have an error in common, as
 payload, poses and program are its own.
 """
 
@@ -32,7 +32,7 @@ LIKELY = 2.0  # deviations by which another start may be less likely
 
 @dataclass(frozen=True)
 class FanLevels:
-    """Power beside the drives, by recording and temperature.
+    """Power of the meter less that of the drives, by recording and temperature.
 
     Attributes:
         names: Of the recordings.
