@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.extras import require

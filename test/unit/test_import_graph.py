@@ -31,7 +31,7 @@ MODULES = {
         batch decode encode lazy_store plan schema types walk
     """,
     "robot_energy.certainty": """
-        band band_calibration deviation energy_calibration figure_deviations
+        band_calibration deviation energy_calibration figure_deviations
         friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """

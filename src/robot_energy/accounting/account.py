@@ -39,8 +39,8 @@ from robot_energy.accounting.registers import (
     ShaftEnergySums,
 )
 from robot_energy.accounting.totals import Totals
-from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.certainty.deviation import EnergyBand
 from robot_energy.foundation.errors import RegisterError
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.timeline.blocks import (

@@ -8,7 +8,7 @@ import numpy as np
 
 from robot_energy.accounting.load_curve import COLUMNS, HOLD_NS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SampleIntervals
-from robot_energy.certainty.band import Z90, BandKind, power_std
+from robot_energy.certainty.deviation import Z90, BandKind, power_std
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
@@ -36,7 +36,7 @@ class MeanBlock(Block):
         joints: Mean of each joint register's power, shape (W, 5, n). [W]
         deviation: Mean of the deviations of the power, shape (W, K). [W]
         band_half: Half width of the 90 % band about the mean grid power, shape (W,). [W]
-        band: What kind of band it is, `robot_energy.certainty.band.BandKind`, shape (W,).
+        band: What kind of band it is, `robot_energy.certainty.deviation.BandKind`, shape (W,).
         shaft_power_measured: Mean, shape (W, n); NaN unless the effort covers all of the
             time integrated, so that it compares with the predicted mean. [W]
         motor_velocity, motor_torque, motor_torque_measured, coulomb, viscous,

@@ -26,7 +26,7 @@ from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import HeldEnergies
-from robot_energy.certainty.band import (
+from robot_energy.certainty.deviation import (
     BUS,
     LOSS_GRID,
     TEMPERATURE,
