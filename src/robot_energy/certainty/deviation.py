@@ -98,15 +98,10 @@ class PowerDeviation:
         )
         kind = DRIVE_MODELS[model.drive]
         self._drive: DriveDeviation | None = None
-        self._drive_share = figures.drive_share
         if kind.deviation is not None:
             self._drive = kind.deviation(kind.entries(model.joints))
         elif not kind.lossless:
             self._drive = partial(_share_of_loss, share=figures.drive_share)
-        self._loss_dc = figures.loss_dc
-        self._returned = figures.returned
-        self._bodies, self._payload = figures.bodies, figures.payload
-        self._payload_share = figures.payload_share
         self._payload_mass = sum(body.mass for body in model.payload)
         self._slot = -1
         self._recent: Float = np.zeros(RECENT_SLOTS)
@@ -158,7 +153,7 @@ class PowerDeviation:
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
         """
-        size, n_joints = rigid_power.shape
+        figures, (size, n_joints) = self._figures, rigid_power.shape
         first = len(CABINET_DEVIATIONS)
         columns = np.empty((size, first + len(JOINT_DEVIATIONS) * n_joints), order="F")
         bodies, payload, loss_dc, _, loss_grid, temperature, form, random, bus = columns[
@@ -171,17 +166,21 @@ class PowerDeviation:
         if np.isnan(std.sum()):
             std = np.where(np.isnan(std), self._viscous_prior * viscous, std)
             shared = np.nan_to_num(shared)
-        bent = self._figures.by_exponent(motor_velocity)
-        if bent is not None:
+        bent = None
+        if figures.exponent_std is not None:
+            bent = figures.by_exponent(motor_velocity, figures.exponent_std)
             std, shared = std * bent[0], shared * bent[0]
         variance = std**2
         if shared.any():
             variance -= shared**2
         variance *= squared
         np.maximum(variance, 0.0, out=variance)
-        together = self._figures.known_together(speed, motor_torque, np.sqrt(variance) * speed)
-        if together is not None:
-            variance *= self._figures.viscous
+        together = None
+        if figures.together is not None:
+            of_viscous = np.sqrt(variance) * speed
+            of_figures = [np.ones((size, 1)), motor_torque**2, speed, squared, of_viscous]
+            together = np.hstack(of_figures) @ figures.together
+            variance *= figures.viscous
         variance += self._coulomb_squared
         np.sqrt(variance, out=friction)
         friction *= speed
@@ -190,12 +189,12 @@ class PowerDeviation:
         if bent is not None:
             np.hypot(friction, bent[1] * viscous, out=friction)
         if self._drive is None:
-            np.multiply(self._drive_share, shaft, out=drive)
+            np.multiply(figures.drive_share, shaft, out=drive)
         else:
             drive[:] = self._drive(speed, motor_torque, drive_loss)
         if held.any():
             np.hypot(drive, held, out=drive)
-        carried = self._payload_share
+        carried = figures.payload_share
         if self._payload_mass > 0:
             carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
         table = np.empty((6, n_joints, size))
@@ -206,18 +205,21 @@ class PowerDeviation:
         table[4] += (drive**2).T
         np.abs(drive_loss, out=table[5].T)
         table[5] += friction_power.T
-        rigid, of_payload, moved, temperature[:], squares, lost = _in_order(table.swapaxes(0, 1))
+        # one joint after the other, so that a sum never depends on the number of samples
+        sums = np.add.accumulate(table, axis=1)[:, -1]
+        rigid, of_payload, moved, temperature[:], squares, lost = sums
         np.multiply(FORM_SHARE, lost, out=form)
-        np.multiply(self._payload, of_payload, out=payload)
-        np.multiply(self._bodies, rigid - of_payload, out=bodies)
-        loss_dc[:] = self._loss_dc
-        loss_grid[:] = np.hypot(self._figures.grid_side(fan_power), self._figures.at_rest)
+        np.multiply(figures.payload, of_payload, out=payload)
+        np.multiply(figures.bodies, rigid - of_payload, out=bodies)
+        loss_dc[:] = figures.loss_dc
+        of_grid = figures.loss_grid if figures.fan is None else figures.grid_side(fan_power)
+        loss_grid[:] = np.hypot(of_grid, figures.at_rest)
         unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
         np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)
         squares = squares + bodies**2 + payload**2 + loss_dc**2
         reaches = np.where(balance.brake_power > 0, 0.0, 1.0)
-        if self._returned:
-            reaches[balance.grid_power < balance.loss_grid] = self._returned
+        if figures.returned:
+            reaches[balance.grid_power < balance.loss_grid] = figures.returned
         if together is not None:
             squares = squares + (together**2).sum(axis=1)
         if (reaches < 1.0).any():
@@ -225,21 +227,13 @@ class PowerDeviation:
                 column *= reaches
             squares *= reaches**2
         columns[:, self._places] = (
-            0.0 if together is None else together * reaches[:, None] + self._figures.of_grid
+            0.0 if together is None else together * reaches[:, None] + figures.of_grid
         )
         np.sqrt(squares + unexplained, out=bus)
         if not max(float(columns.max()), -float(columns.min())) <= MAX_DEVIATION:
             np.fmin(columns, MAX_DEVIATION, out=columns)
             np.fmax(columns, -MAX_DEVIATION, out=columns)
         return columns
-
-
-def _in_order(table: Float) -> Float:
-    """Sum over the first axis in a fixed order, so that the result never depends on the others."""
-    total = table[0]
-    for row in table[1:]:
-        total += row
-    return total
 
 
 def _share_of_loss(speed: Float, torque: Float, loss: Float, *, share: float) -> Float:
