@@ -7,8 +7,9 @@ stages of the pipeline compute with these functions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
 UNBOUNDED = (-np.inf, np.inf)
 CACHED = 30_000  # numbers worked on at a time, so few that they stay in the cache
+_float: Callable[[ArrayLike], Float] = partial(np.asarray, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -159,17 +161,17 @@ def friction_torque(
     """
     speed = _float(motor_velocity)
     constant = _float(coulomb)
-    if _given(load_coulomb):
+    if np.any(load_coulomb):
         constant = constant + _float(load_coulomb) * np.minimum(
             np.abs(_float(motor_torque_rigid)), _float(load_saturation)
         )
-    if _given(stribeck_torque):
+    if np.any(stribeck_torque):
         ratio = np.abs(speed) / _float(stribeck_velocity)
         constant = constant + _float(stribeck_torque) * np.exp(
             -(ratio ** _float(stribeck_exponent))
         )
     sign = np.sign(speed)
-    if _given(smooth_velocity):
+    if np.any(smooth_velocity):
         with np.errstate(divide="ignore", invalid="ignore"):
             smooth = _float(smooth_velocity)
             sign = np.where(smooth > 0, np.tanh(speed / smooth), sign)
@@ -338,12 +340,3 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
         part *= half
         peaks += (float(part.max()), -float(part.min()))
     return energy, float(np.max(peaks))
-
-
-def _given(term: ArrayLike) -> bool:
-    """Whether a term is anything but 0."""
-    return term != 0.0 if isinstance(term, float) else bool(np.any(term))
-
-
-def _float(values: ArrayLike) -> Float:
-    return np.asarray(values, dtype=np.float64)
