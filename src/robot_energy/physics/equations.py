@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,6 +44,32 @@ class Balance:
     brake_power: Float
     capacitor_power: Float
     grid_power: Float
+
+
+def mapped(matrix: Float, values: Float) -> Float:
+    """Return each row times ``matrix``, in a fixed order of operations, shape (..., n).
+
+    A matrix product of a library may sum in an order that depends on the number of rows;
+    this one does not, so a sample gives the same bits in every block.
+
+    Args:
+        matrix: Shape (n, n). [any unit]
+        values: Shape (..., n). [any unit]
+    """
+    diagonal, coupling = _entries(matrix.tobytes(), len(matrix))
+    result = values * diagonal
+    for row, column, entry in coupling:
+        result[..., row] += entry * values[..., column]
+    return result
+
+
+@lru_cache(maxsize=64)
+def _entries(matrix: bytes, size: int) -> tuple[Float, list[tuple[int, int, float]]]:
+    """The diagonal of a matrix, and the place and value of every other entry that is not 0."""
+    whole = np.frombuffer(matrix).reshape(size, size)
+    diagonal = np.diagonal(whole)
+    places = np.argwhere(whole - np.diag(diagonal)).tolist()
+    return diagonal.copy(), [(row, column, float(whole[row, column])) for row, column in places]
 
 
 def constant_viscous(motor_temperature_degc: ArrayLike, viscous: float) -> Float:
