@@ -43,7 +43,6 @@ REMEDIES = {"bad_time": time_remedy, "not_numeric": number_remedy}
 INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
 
 
-@dataclass(frozen=True)
 class LogBlock(Block):
     """Rows of a log in SI units; NaN where the log says nothing.
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from robot_energy.timeline.blocks import Block, Float, MeterBlock, TemperatureBlock
 
 
-@dataclass(frozen=True)
 class RigJoints(Block):
     """Joint states as the controller reports them.
 
@@ -26,7 +25,6 @@ class RigJoints(Block):
     measured_drive_power: Float
 
 
-@dataclass(frozen=True)
 class Truth(Block):
     """What really happens in the plant, at the true instants of the samples.
 

@@ -7,7 +7,7 @@ arrays, so what is fitted is what runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -61,7 +61,6 @@ OF_MOTION = (
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
-@dataclass(frozen=True)
 class MotionBlock(Block):
     """What the dynamics see of a recording, motor side but for the positions.
 
