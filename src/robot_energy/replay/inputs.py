@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
 
 Member = TypeVar("Member", bound=StrEnum)
 ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
-Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
 
 def model_of(model: ModelName) -> RobotModel:
@@ -54,10 +51,3 @@ def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | 
         return (None, []) if path is None else read_inputs(path)
     preset = ROBOTS[robot]
     return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
-
-
-@contextmanager
-def silent(label: str) -> Generator[Callable[[float], None]]:
-    """Yield what is called with the share done, 0 to 1, and shows nothing."""
-    del label
-    yield lambda share: None
