@@ -62,7 +62,7 @@ MODULES = {
         fields friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        auxiliary drive_models figure friction_laws joint load open_schema
         payload schema
     """,
     "robot_energy.physics": """
