@@ -20,11 +20,7 @@ ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipp
 
 
 def model_of(model: ModelName) -> RobotModel:
-    """Return a model, loaded if it is a name.
-
-    Args:
-        model: A model, its file, or the name of a shipped one.
-    """
+    """Return a model, loaded if it is a name."""
     return model if isinstance(model, RobotModel) else load(model)
 
 
@@ -41,12 +37,7 @@ def member_named(kind: type[Member], what: str, name: str) -> Member:
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
-    """Return the inputs of a file, a robot, or both, and a sentence for each misspelt name.
-
-    Args:
-        path: Parameter file of a monitor, whose values override these; None for none.
-        robot: Name of a robot in `ROBOTS`; None for none.
-    """
+    """Return the inputs of a robot in `ROBOTS`, those of a file over them, and misspelt names."""
     if robot is None:
         return (None, []) if path is None else read_inputs(path)
     preset = ROBOTS[robot]
