@@ -244,11 +244,7 @@ def common_figures(
 
 
 def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakdown:
-    """Return where the energy went, and whether the parts sum to what the grid gave.
-
-    Args:
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`.
-    """
+    """Return where the energy went, and whether the parts sum to what the grid gave."""
     cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
     joints = {
         name: math.fsum(registers.joints(name).tolist())
@@ -293,11 +289,7 @@ def _joints_of(
 
 
 def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave.
-
-    Args:
-        energy: The parts, with what is left of the balance. [J]
-    """
+    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
     if energy.balanced:
         return []
     return [
