@@ -12,12 +12,13 @@ with m' for inertia alone, whose accelerations are less certain than gravity.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import polars as pl
 
 from robot_energy.condition.wear_records import FEATURES, WearRecord
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.joint_sums import (
     COLUMNS,
@@ -43,28 +44,32 @@ TINY = 1e-6  # of the length of a column: less is taken as dependent on the othe
 _SHAPE = (COLUMNS, COLUMNS)
 
 
-@dataclass(frozen=True)
-class BagJoints:
-    """Bags with moving joints, of robots with one model.
+class BagFigures(Described):
+    """Figures of B bags."""
 
-    Attributes:
-        joints: Names, in the order of the model.
-        key: Of each bag, shape (B,).
-        robot: Number of its robot, shape (B,).
-        stamp_ns: Its begin, shape (B,). [ns]
-        degc: Mean motor temperature, shape (B, n). [degC]
-        work: What bags differ in: shares of w^2 at temperatures, mean and square speed,
-            shape (B, n, K). [-]
-    """
+    multiplier: Annotated[
+        Float, "Measured over model friction, shape (B, n); NaN where unknown. [-]"
+    ]
+    mass: Annotated[
+        Float, "More than the model's payload, of gravity alone, shape (B,); NaN: unknown. [kg]"
+    ]
+
+
+class BagJoints(Described):
+    """Bags with moving joints, of robots with one model."""
 
     robots: tuple[str, ...]
-    joints: tuple[str, ...]
-    key: list[str]
-    robot: Int
-    stamp_ns: Int
+    joints: Annotated[tuple[str, ...], "Names, in the order of the model."]
+    key: Annotated[list[str], "Of each bag, shape (B,)."]
+    robot: Annotated[Int, "Number of its robot, shape (B,)."]
+    stamp_ns: Annotated[Int, "Its begin, shape (B,). [ns]"]
     figures: BagFigures
-    degc: Float
-    work: Float
+    degc: Annotated[Float, "Mean motor temperature, shape (B, n). [degC]"]
+    work: Annotated[
+        Float,
+        "What bags differ in: shares of w^2 at temperatures, mean and square speed, shape (B, n, "
+        "K). [-]",
+    ]
 
 
 def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
@@ -152,19 +157,6 @@ def _work(gram: Float, count: Int) -> Float:
     with np.errstate(divide="ignore"):
         speeds = np.log(np.stack([amount / rows, np.sqrt(total[..., 0] / rows)], axis=-1))
     return np.concatenate([pooled, speeds], axis=-1)
-
-
-@dataclass(frozen=True)
-class BagFigures:
-    """Figures of B bags.
-
-    Attributes:
-        multiplier: Measured over model friction, shape (B, n); NaN where unknown. [-]
-        mass: More than the model's payload, of gravity alone, shape (B,); NaN: unknown. [kg]
-    """
-
-    multiplier: Float
-    mass: Float
 
 
 def bag_figures(gram: Float, rows: Int) -> BagFigures:

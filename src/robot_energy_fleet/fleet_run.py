@@ -9,7 +9,9 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.shown_text import shown
 from robot_energy_fleet.bag_list import FleetBag
@@ -38,33 +40,28 @@ def open_history(folder: str | Path | None) -> Generator[HistoryStore | None]:
         store.close()
 
 
+@documented
 @dataclass
 class FleetRun:
-    """What a run has done.
-
-    Attributes:
-        there: Of them, that the dataset held already, unchanged.
-        refused: Those that could not be used, by robot and address.
-        damaged: Those replayed that were read in part, by robot and address.
-        jobs_left_out: Jobs of which a bag replayed holds a part only.
-        observed_time: Predicted, of the bags replayed. [s]
-        written: Size of their rows. [bytes]
-        peak_memory: Most memory that one worker has held. [bytes]
-        done_size: Size of the bags that are done. [bytes]
-        overlap_ns: Time of the bags replayed that the history had from others. [ns]
-    """
+    """What a run has done."""
 
     bags: int = 0
-    there: int = 0
+    there: Annotated[int, "Of them, that the dataset held already, unchanged."] = 0
     read: int = 0
-    refused: dict[Bag, RefusedBag] = field(default_factory=dict[Bag, RefusedBag])
-    damaged: dict[Bag, DamagedBag] = field(default_factory=dict[Bag, DamagedBag])
-    jobs_left_out: int = 0
-    observed_time: float = 0.0
-    written: int = 0
-    peak_memory: int = 0
-    done_size: int = 0
-    overlap_ns: int = 0
+    refused: Annotated[
+        dict[Bag, RefusedBag], "Those that could not be used, by robot and address."
+    ] = field(default_factory=dict[Bag, RefusedBag])
+    damaged: Annotated[
+        dict[Bag, DamagedBag], "Those replayed that were read in part, by robot and address."
+    ] = field(default_factory=dict[Bag, DamagedBag])
+    jobs_left_out: Annotated[int, "Jobs of which a bag replayed holds a part only."] = 0
+    observed_time: Annotated[float, "Predicted, of the bags replayed. [s]"] = 0.0
+    written: Annotated[int, "Size of their rows. [bytes]"] = 0
+    peak_memory: Annotated[int, "Most memory that one worker has held. [bytes]"] = 0
+    done_size: Annotated[int, "Size of the bags that are done. [bytes]"] = 0
+    overlap_ns: Annotated[
+        int, "Time of the bags replayed that the history had from others. [ns]"
+    ] = 0
     begun: float = field(default_factory=time.monotonic)
 
     def report(self, dataset: Dataset) -> FleetRunReport:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import polars as pl
 
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Phase
 from robot_energy_report.repeats import overlaps
 
@@ -53,22 +53,17 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 Rows = dict[str, list[dict[str, Any]]]
 
 
-@dataclass(frozen=True)
-class FleetTables:
-    """Rows of all bags of a fleet.
+class FleetTables(Described):
+    """Rows of all bags of a fleet."""
 
-    Attributes:
-        runs: One of each bag; ``reason`` says why one could not be read, ``problems`` what
-            was wrong with one that was.
-        jobs: One of each job.
-        hours: One of each bag and clock hour.
-        joints: One of each bag and joint.
-    """
-
-    runs: pl.DataFrame
-    jobs: pl.DataFrame
-    hours: pl.DataFrame
-    joints: pl.DataFrame
+    runs: Annotated[
+        pl.DataFrame,
+        "One of each bag; ``reason`` says why one could not be read, ``problems`` what was wrong "
+        "with one that was.",
+    ]
+    jobs: Annotated[pl.DataFrame, "One of each job."]
+    hours: Annotated[pl.DataFrame, "One of each bag and clock hour."]
+    joints: Annotated[pl.DataFrame, "One of each bag and joint."]
 
     def of_model(self, model_id: str) -> FleetTables:
         """Return the rows of the bags that were read with one model."""

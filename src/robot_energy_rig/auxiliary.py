@@ -8,10 +8,11 @@ when they change.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, Int, MeterBlock, MeterLocation, MeterMeaning
 
 LOADS = ("pump", "extruder")
@@ -25,20 +26,13 @@ COUNTER_STEP = 1.0  # J
 PUMP_RATE, EXTRUDER_RATE = 1.0, 2.0  # Hz, of the meters
 
 
-@dataclass(frozen=True)
-class LoadRecord:
-    """What one load and its meter did.
-
-    Attributes:
-        changed_ns: When its state changed, the first at the start, shape (K,). [ns]
-        state: Number of the state since then, shape (K,).
-        energy: True energy. [J]
-    """
+class LoadRecord(Described):
+    """What one load and its meter did."""
 
     readings: MeterBlock
-    changed_ns: Int
-    state: Int
-    energy: float
+    changed_ns: Annotated[Int, "When its state changed, the first at the start, shape (K,). [ns]"]
+    state: Annotated[Int, "Number of the state since then, shape (K,)."]
+    energy: Annotated[float, "True energy. [J]"]
 
 
 def auxiliary_loads(

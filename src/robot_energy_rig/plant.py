@@ -9,10 +9,11 @@ that is constant over a step, so that any step length is stable.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig.config import RigConfig
@@ -27,21 +28,15 @@ CREEP_TIME = 0.4  # s in which friction at rest takes over what it carries
 MIN_COULOMB_SHARE = 0.4  # of it, however warm the gear is
 
 
-@dataclass(frozen=True)
-class DriveFlows:
-    """What the drives do, shape (N, n) each.
+class DriveFlows(Described):
+    """What the drives do, shape (N, n) each."""
 
-    Attributes:
-        iron_loss: >= 0. [W]
-        copper_loss: >= 0. [W]
-        inverter_loss: >= 0. [W]
-        measured_motor_torque: Current times the torque constant on the name plate. [N m]
-    """
-
-    iron_loss: Float
-    copper_loss: Float
-    inverter_loss: Float
-    measured_motor_torque: Float
+    iron_loss: Annotated[Float, ">= 0. [W]"]
+    copper_loss: Annotated[Float, ">= 0. [W]"]
+    inverter_loss: Annotated[Float, ">= 0. [W]"]
+    measured_motor_torque: Annotated[
+        Float, "Current times the torque constant on the name plate. [N m]"
+    ]
 
 
 class PlantFriction:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.bag.cdr import Encoder, stamp_columns
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.messages.fields import (
     DRIVE_POWER_TOPIC,
@@ -43,25 +44,20 @@ TEMPERATURE_DELAY_NS = 5_000_000
 METER_DELAY_NS = 20_000_000
 
 
-@dataclass(frozen=True)
-class RigRecording:
-    """What was written.
-
-    Attributes:
-        energy: True energy drawn from the grid. [J]
-        peak_power: Greatest true power from the grid. [W]
-        motor_temperature_degc: True ones at the first and the last sample, shape (2, n). [degC]
-        gear_temperature_degc: The same of the oil, shape (2, n). [degC]
-        auxiliary_energy: True energy of each auxiliary load, by its name; empty without. [J]
-    """
+class RigRecording(Described):
+    """What was written."""
 
     path: Path
     messages: dict[str, int]
-    energy: float
-    peak_power: float
-    motor_temperature_degc: Float
-    gear_temperature_degc: Float
-    auxiliary_energy: dict[str, float] = field(default_factory=dict[str, float])
+    energy: Annotated[float, "True energy drawn from the grid. [J]"]
+    peak_power: Annotated[float, "Greatest true power from the grid. [W]"]
+    motor_temperature_degc: Annotated[
+        Float, "True ones at the first and the last sample, shape (2, n). [degC]"
+    ]
+    gear_temperature_degc: Annotated[Float, "The same of the oil, shape (2, n). [degC]"]
+    auxiliary_energy: Annotated[
+        dict[str, float], "True energy of each auxiliary load, by its name; empty without. [J]"
+    ] = field(default_factory=dict[str, float])
 
 
 class RigEncoder:

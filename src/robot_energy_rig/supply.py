@@ -9,32 +9,24 @@ switching instants are solved for, so that the interval may be longer than a swi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig.config import RigConfig
 from robot_energy_rig.profile import HardEffects, PlantProfile
 
 
-@dataclass(frozen=True)
-class SupplyFlows:
-    """Means over the interval of each sample, shape (N,) each.
+class SupplyFlows(Described):
+    """Means over the interval of each sample, shape (N,) each."""
 
-    Attributes:
-        brake_power: >= 0. [W]
-        capacitor_power: Into the link, signed. [W]
-        rectifier_loss: >= 0. [W]
-        grid_power: Power from the grid. [W]
-        bus_voltage: At the end of the interval. [V]
-    """
-
-    brake_power: Float
-    capacitor_power: Float
-    rectifier_loss: Float
-    grid_power: Float
-    bus_voltage: Float
+    brake_power: Annotated[Float, ">= 0. [W]"]
+    capacitor_power: Annotated[Float, "Into the link, signed. [W]"]
+    rectifier_loss: Annotated[Float, ">= 0. [W]"]
+    grid_power: Annotated[Float, "Power from the grid. [W]"]
+    bus_voltage: Annotated[Float, "At the end of the interval. [V]"]
 
 
 class Supply:

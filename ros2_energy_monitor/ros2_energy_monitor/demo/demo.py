@@ -19,12 +19,13 @@ import socket
 import time
 import urllib.request
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from rclpy.executors import SingleThreadedExecutor
 from rich.console import Console as Terminal
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, PageError, RobotEnergyError
 from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model import RobotModel, load
@@ -42,20 +43,16 @@ COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identif
 BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed model in its figure
 
 
-@dataclass(frozen=True)
-class Row:
-    """One bag.
-
-    Attributes:
-        measured: Energy by the meter. [J]
-        aware: Predicted with friction that follows the temperature. [J]
-        fixed: Predicted with friction of one temperature, by that temperature. [J by degC]
-    """
+class Row(Described):
+    """One bag."""
 
     bag: str
-    measured: float
-    aware: float
-    fixed: dict[float, float]
+    measured: Annotated[float, "Energy by the meter. [J]"]
+    aware: Annotated[float, "Predicted with friction that follows the temperature. [J]"]
+    fixed: Annotated[
+        dict[float, float],
+        "Predicted with friction of one temperature, by that temperature. [J by degC]",
+    ]
     figure: Path
 
 

@@ -18,9 +18,8 @@ import json
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,6 +27,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
 from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from ros2_energy_monitor.base.parameters import NO_FOLDER
@@ -52,19 +52,13 @@ SAME = 1e-6  # share by which energies of nodes and replay may differ
 MAX_START_TIME = 60.0  # s until the monitors listen
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What the study says of one recording, by replay.
-
-    Attributes:
-        measured: Energy by the meter. [J]
-        predicted: By the model, over the same time. [J]
-    """
+class Expected(Described):
+    """What the study says of one recording, by replay."""
 
     bag: Path
     robot_degc: float
-    measured: float
-    predicted: float
+    measured: Annotated[float, "Energy by the meter. [J]"]
+    predicted: Annotated[float, "By the model, over the same time. [J]"]
 
 
 def read_study(folder: Path) -> list[Expected]:
