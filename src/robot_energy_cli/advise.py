@@ -40,8 +40,6 @@ def _options(parser: ArgumentParser) -> None:
 
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.advice.advise import advise
-    from robot_energy_fleet.documents.advice import advice_document
-    from robot_energy_report.document import Document
 
     named = model_named(args)
     check_outputs(args, [*args.recordings, named, args.inputs, args.rest_states])
@@ -52,12 +50,12 @@ def _run(args: Namespace) -> int:
             "progress": show,
         }
         found = advise(args.recordings, named, **options)
-    page = Document(
+    present(
+        args,
+        found.report,
         "What would save energy",
         "From recordings alone, through the model of the robot. No change was tried.",
     )
-    advice_document(found.report, page)
-    present(args, found.report, page)
     return DAMAGED if found.report.problems else 0
 
 

@@ -54,18 +54,14 @@ def _hours(text: str) -> tuple[int, ...]:
 
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.dataset import read_tables
-    from robot_energy_fleet.documents.fleet import fleet_document
     from robot_energy_fleet.report import fleet_report
-    from robot_energy_report.document import Document
     from robot_energy_report.formats import counted
     from robot_energy_report.page.settings import load_settings
 
     check_outputs(args, [args.dataset, args.page_settings])
     settings = load_settings(args.page_settings or "")
     report = fleet_report(read_tables(args.dataset), args.dataset, settings, args.shifts)
-    page = Document(f"Fleet: {counted(len(report.robots), 'robot')}")
-    fleet_document(report, page, settings)
-    present(args, report, page)
+    present(args, report, f"Fleet: {counted(len(report.robots), 'robot')}", settings=settings)
     return 0
 
 

@@ -105,8 +105,6 @@ def _run(args: Namespace) -> int:
         write_csv,
         write_trajectory,
     )
-    from robot_energy_report.document import Document
-    from robot_energy_report.dynamics import excitation_document
 
     check_outputs(args, [args.model])
     model = load(args.model)
@@ -126,12 +124,11 @@ def _run(args: Namespace) -> int:
         found = optimise_excitation(model, limits, settings, report)
     time, path = points(found.motion, args.rate, args.loops)
     names = limits.robot.joint_names
-    report, page = excitation_report(found), Document()
-    excitation_document(report, page)
     with all_or_none():
         write_trajectory(folder / BAG, names, time, path, args.overwrite)
         write_csv(folder / CSV, names, time, path)
-        present(args, report, page, f"{CSV} and {BAG}, {len(time)} points")
+        made = f"{CSV} and {BAG}, {len(time)} points"
+        present(args, excitation_report(found), made=made)
     return 0
 
 

@@ -59,8 +59,7 @@ def _options(parser: ArgumentParser) -> None:
 def _run(args: Namespace) -> int:
     from robot_energy.foundation.files.placement import all_or_none
     from robot_energy_plan.api.optimize import optimize
-    from robot_energy_report.document import Document
-    from robot_energy_report.optimization import measures_and_front, optimization_document
+    from robot_energy_report.optimization import measures_and_front
 
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     with progress(f"{args.program}: every move in every way") as show:
@@ -69,19 +68,18 @@ def _run(args: Namespace) -> int:
             "progress": show,
         }
         found = optimize(args.program, args.model, _temperature(args.temperature), **options)
-    page = Document(
-        "Less energy for the same work",
-        "A program as it is and as chosen, through the model of the robot. "
-        "Nothing in this report was measured.",
-    )
-    optimization_document(found.report, page)
     with all_or_none():
         if args.out is not None:
             found.write(Path(args.out))
         present(
-            args, found.report, page, "the chosen program",
+            args,
+            found.report,
+            "Less energy for the same work",
+            "A program as it is and as chosen, through the model of the robot. "
+            "Nothing in this report was measured.",
+            "the chosen program",
             lambda path: measures_and_front(found.report, path),
-        )  # fmt: skip
+        )
     return 0
 
 

@@ -76,8 +76,7 @@ def _options(parser: ArgumentParser) -> None:
 
 def _run(args: Namespace) -> int:
     from robot_energy_plan.results.prediction import PredictionsReport
-    from robot_energy_report.document import Document
-    from robot_energy_report.prediction import labels, prediction_document
+    from robot_energy_report.prediction import labels
     from robot_energy_report.prediction_figure import energy_and_power
 
     check_outputs(args, [*args.program, *args.model])
@@ -86,18 +85,15 @@ def _run(args: Namespace) -> int:
         raise MotionError(f"{count} predictions were asked for", f"at most {MAX_RUNS}")
     found = _predictions(args)
     runs, results = tuple(one.report for one in found), [one.prediction for one in found]
-    report = PredictionsReport(runs)
-    page = Document(
+    present(
+        args,
+        PredictionsReport(runs),
         "Predicted energy",
         "Motion programs before they are run, through the models of the robots. "
         "Nothing in this report was measured.",
+        plot=lambda to: energy_and_power(results, [run.energy for run in runs], labels(runs), to),
+        results=results,
     )
-    prediction_document(report, page, results)
-
-    def plot(path: str) -> None:
-        energy_and_power(results, [run.energy for run in runs], labels(runs), path)
-
-    present(args, report, page, plot=plot)
     return 0
 
 

@@ -85,8 +85,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.replay import ReplayCurves, replay_document
+    from robot_energy_report.replay import ReplayCurves
     from robot_energy_report.replay_figures import TemperatureHistory
     from robot_energy_report.series import curves_of
 
@@ -112,11 +111,19 @@ def _run(args: Namespace) -> int:
         changes = [change for _, change in runs]
         second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
         report = _explained(args, replay_report(results[0], change, second), model)
-        page, curves = Document(f"Where the energy went: {report.model.robot}"), None
+        curves = None
         if args.report is not None:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
-        replay_document(report, page, curves, settings=settings)
-        present(args, report, page, "bag", lambda path: _plot(path, results, changes))
+        title = f"Where the energy went: {report.model.robot}"
+        present(
+            args,
+            report,
+            title,
+            made="bag",
+            plot=lambda path: _plot(path, results, changes),
+            curves=curves,
+            settings=settings,
+        )
     _serve_page(args, recorded, results[0])
     return DAMAGED if results[0].problems else 0
 

@@ -49,20 +49,18 @@ def _options(parser: ArgumentParser) -> None:
 
 def _run(args: Namespace) -> int:
     from robot_energy_plan.api.shared_bus import shared_bus
-    from robot_energy_report.document import Document
-    from robot_energy_report.shared_bus import shared_bus_document
 
     check_outputs(args, [*args.motions, *args.model, args.inputs])
     tool = tool_options(args, args.base, args.start_position)
     given: Any = keywords_of(shared_bus, args) | {"tool": tool}
     found = shared_bus(args.motions, args.model, args.temperature, **given)
-    page = Document(
+    present(
+        args,
+        found.report,
         "Several robots on one DC bus",
         "Through the models of the robots: with a supply each, and on one bus. "
         "Nothing in this report was measured.",
     )
-    shared_bus_document(found.report, page)
-    present(args, found.report, page)
     return DAMAGED if found.report.recorded and found.report.problems else 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,20 +155,28 @@ def write_json(path: str, summary: Mapping[str, Any]) -> None:
 def present(
     args: Namespace,
     result: Result,
-    page: Document,
+    title: str = "",
+    lead: str = "",
     made: str = "model file",
     plot: Callable[[str], object] | None = None,
     model: RobotModel | None = None,
+    notes: Sequence[str] = (),
+    **words: Any,
 ) -> None:
     """Write JSON, page and figure where they were asked for, put all in place, and print.
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
+        notes: At the end of the page.
+        words: Of the document of the result.
     """
     from robot_energy.model import save
+    from robot_energy_report.document import document_of
     from robot_energy_report.html import write_page
     from robot_energy_report.printing import print_document
 
+    page = document_of(result, title, lead, **words)
+    page.notes(notes)
     named = ("json", "out", "report", "plot")
     files = {name: getattr(args, name, None) for name in named}
     with all_or_none():

@@ -58,8 +58,6 @@ def _options(parser: ArgumentParser) -> None:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_report.document import Document
-    from robot_energy_report.evaluation import evaluation_document
     from robot_energy_report.formats import counted
 
     if bool(args.bags) == bool(args.log):
@@ -71,12 +69,12 @@ def _run(args: Namespace) -> int:
     check_outputs(args, given)
     keep_freed_memory()
     report = _of_logs(args, named) if args.log else _evaluated(args, args.bags, named)
-    page = Document(
+    present(
+        args,
+        report,
         f"Test of {report.model.robot}",
         f"Model {report.model.model_id} on {counted(len(report.recordings), 'recording')}.",
     )
-    evaluation_document(report, page)
-    present(args, report, page)
     return DAMAGED if any(one.problems for one in report.recordings) else 0
 
 

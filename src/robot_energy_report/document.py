@@ -10,10 +10,12 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
+from pkgutil import resolve_name
 from typing import Annotated, Any, Literal
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError
+from robot_energy.results.base import Result
 from robot_energy_report.formats import NOTHING
 from robot_energy_report.page.energy_flow import FlowPicture
 
@@ -22,6 +24,27 @@ Kind = Literal["plain", "strong", "note", "problem", "command", "h2", "h3", "h4"
 HEADINGS: dict[int, Kind] = {2: "h2", 3: "h3", 4: "h4"}
 Draw = Callable[[BytesIO], object]
 Rows = Sequence[Sequence[str]]
+# What writes the document of a result, by the name of its JSON.
+DOCUMENTS = {
+    "replay": "robot_energy_report.replay:replay_document",
+    "prediction": "robot_energy_report.prediction:prediction_document",
+    "shared_bus": "robot_energy_report.shared_bus:shared_bus_document",
+    "optimization": "robot_energy_report.optimization:optimization_document",
+    "identification": "robot_energy_report.identify_all:identification_document",
+    "model": "robot_energy_report.model:model_document",
+    "friction": "robot_energy_report.identification:friction_document",
+    "friction_study": "robot_energy_report.identification:study_document",
+    "cabinet": "robot_energy_report.identification:cabinet_document",
+    "thermal": "robot_energy_report.identification:thermal_document",
+    "auxiliary": "robot_energy_report.identification:states_document",
+    "drives": "robot_energy_report.drives:drives_document",
+    "dynamics": "robot_energy_report.dynamics:dynamics_document",
+    "excitation": "robot_energy_report.dynamics:excitation_document",
+    "test": "robot_energy_report.evaluation:evaluation_document",
+    "advice": "robot_energy_fleet.documents.advice:advice_document",
+    "fleet_report": "robot_energy_fleet.documents.fleet:fleet_document",
+    "fleet_friction": "robot_energy_fleet.documents.fleet:fleet_friction_document",
+}
 
 
 class Column(Described):
@@ -220,3 +243,10 @@ class Document:
         sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
         cells = [[column.cell(row) for column in columns] for row in rows]
         self.table(title, [column.heading for column in columns], cells, sums)
+
+
+def document_of(report: Result, title: str = "", lead: str = "", **words: Any) -> Document:
+    """Return all that a result says; further words are those of its document."""
+    page = Document(title, lead)
+    resolve_name(DOCUMENTS[report.NAME])(report, page, **words)
+    return page
