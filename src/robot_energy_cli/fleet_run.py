@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import REQUIRED, Command, add_options, flags
-from robot_energy_cli.numbers import positive
+from robot_energy_cli.command import REQUIRED, Command, add_options, flags, positive
 from robot_energy_cli.replay_arguments import DAMAGED, add_replay, options_given
 from robot_energy_cli.terminal import (
     JSON_OPTION,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy_cli.command import Command, Options, add_option, add_options, flags
+from robot_energy_cli.command import Command, Options, add_option, add_options, flags, frequency
 from robot_energy_cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,
@@ -17,7 +17,6 @@ from robot_energy_cli.identify_inputs import (
     bag_options,
     result_options,
 )
-from robot_energy_cli.numbers import frequency
 from robot_energy_cli.terminal import present
 from robot_energy_identify.options import OF_DRIVES, IdentifyOptions
 from robot_energy_logs.log_formats import LOG_FORMATS

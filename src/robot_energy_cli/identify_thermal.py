@@ -5,9 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy_cli.command import Command, Options
+from robot_energy_cli.command import Command, Options, number
 from robot_energy_cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
-from robot_energy_cli.numbers import number
 from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:

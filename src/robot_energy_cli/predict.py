@@ -76,8 +76,7 @@ def _options(parser: ArgumentParser) -> None:
 
 def _run(args: Namespace) -> int:
     from robot_energy_plan.results.prediction import PredictionsReport
-    from robot_energy_report.prediction import labels
-    from robot_energy_report.prediction_figure import energy_and_power
+    from robot_energy_report.prediction import energy_and_power, labels
 
     check_outputs(args, [*args.program, *args.model])
     count = len(args.program) * len(args.model) * len(args.temperature)

@@ -86,8 +86,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
-    from robot_energy_report.replay_figures import TemperatureHistory
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
     named = model_named(args)
     inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
@@ -233,8 +232,7 @@ def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> N
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     from robot_energy.timeline.blocks import MeterLocation
-    from robot_energy_report.replay_figures import power_and_energy
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import curves_of, power_and_energy
 
     first = results[0]
     curves = curves_of(results, changes)

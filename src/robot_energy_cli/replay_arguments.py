@@ -15,8 +15,7 @@ from robot_energy.replay.options import (
     ROBOT,
     ReplayOptions,
 )
-from robot_energy_cli.command import Options, add_option, add_options, flags
-from robot_energy_cli.numbers import number_type
+from robot_energy_cli.command import Options, add_option, add_options, flags, number_type
 
 INPUTS = flags(ReplayOptions, "inputs")
 MODEL_OR_ROBOT: Options = {

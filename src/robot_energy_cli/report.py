@@ -100,8 +100,7 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     from robot_energy.replay.setup import ReplaySetup
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
-    from robot_energy_report.replay_figures import TemperatureHistory
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
     model, change = load(model_named(args)), None
     if args.fixed_friction is not None:

@@ -32,11 +32,11 @@ from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import Phase
+from robot_energy_fleet.bag_joints import JointSums
 from robot_energy_fleet.bag_list import FleetBag
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_fleet.tables import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_history.bags import BagReadings
 from robot_energy_history.readings import Reading, ReadingDecoder

@@ -19,9 +19,17 @@ from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS, FrictionLaw, LawEntry
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Int
-from robot_energy_fleet.bag_joints import bag_joints, sums_of_joint
+from robot_energy_fleet.bag_joints import (
+    COLUMNS,
+    MEASURED,
+    MODEL,
+    NODES_DEGC,
+    SIGN,
+    VISCOUS,
+    bag_joints,
+    sums_of_joint,
+)
 from robot_energy_fleet.findings import compare
-from robot_energy_fleet.joint_sums import COLUMNS, MEASURED, MODEL, NODES_DEGC, SIGN, VISCOUS
 from robot_energy_fleet.merged_laws import JointBags, MergedSums, without_nuisances
 from robot_energy_fleet.report import duty_of
 from robot_energy_fleet.results.fleet import FleetFriction, FleetTorqueScore

@@ -17,7 +17,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_fleet.joint_sums import (
+from robot_energy_fleet.bag_joints import (
     COLUMNS,
     INERTIA,
     MEASURED,

@@ -28,7 +28,7 @@ Rows = Sequence[Sequence[str]]
 DOCUMENTS = {
     "replay": "robot_energy_report.replay:replay_document",
     "prediction": "robot_energy_report.prediction:prediction_document",
-    "shared_bus": "robot_energy_report.shared_bus:shared_bus_document",
+    "shared_bus": "robot_energy_report.optimization:shared_bus_document",
     "optimization": "robot_energy_report.optimization:optimization_document",
     "identification": "robot_energy_report.identify_all:identification_document",
     "model": "robot_energy_report.model:model_document",

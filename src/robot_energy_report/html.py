@@ -30,8 +30,7 @@ from robot_energy_report.formats import PROSE, number, percent, typeset
 from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
-from robot_energy_report.page.saved_page import inline_parts
-from robot_energy_report.page.terms import TERMS, with_hints
+from robot_energy_report.page.saved_page import TERMS, inline_parts, with_hints
 
 NUMBER = ' class="n"'
 MARK = (

@@ -36,7 +36,7 @@ from robot_energy_report.printing import table
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, bundled, identify_plant
-from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.demo.live_study import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
 
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
@@ -91,8 +91,7 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
 
 def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     # Matplotlib is slow to import and of no use to the live part.
-    from robot_energy_report.replay_figures import power_and_energy
-    from robot_energy_report.series import compared_series
+    from robot_energy_report.replay_figures import compared_series, power_and_energy
 
     first = replay(bag, model, keep_curves=True)
     fixed = {

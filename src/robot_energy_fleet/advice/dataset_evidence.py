@@ -19,8 +19,7 @@ from robot_energy.replay.options import ReplayOptions
 from robot_energy_fleet.advice.claims import LONG_REST, Claim
 from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy_fleet.dataset import collected, read_tables, scan
-from robot_energy_fleet.history_tables import is_history
-from robot_energy_fleet.tables import counted_twice
+from robot_energy_fleet.tables import counted_twice, is_history
 from robot_energy_report.formats import counted
 
 FULL = 0.99  # of an hour in standby: it was one rest
