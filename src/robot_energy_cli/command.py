@@ -21,7 +21,6 @@ def number_type(
     Args:
         low: Least value. [its unit]
         high: Greatest value. [its unit]
-        words: That stand for a number and are returned as they are.
     """
 
     def read(text: str) -> float | str:

@@ -144,11 +144,7 @@ def check_bag(
 
 
 def write_json(path: str, summary: Mapping[str, Any]) -> None:
-    """Write a JSON document whole or not at all; ``-`` is the standard output.
-
-    Args:
-        summary: Its content, as `Result.to_dict` gives it: no number is infinite or NaN.
-    """
+    """Write a JSON document whole or not at all; ``-`` is the standard output."""
     write_file(path, json_bytes(summary), JSON, "the JSON report")
 
 
@@ -216,11 +212,7 @@ def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
 
 
 def sign(args: Namespace, page: Document) -> None:
-    """Add the command line that makes a page, as it was typed.
-
-    Args:
-        args: Of the command line, with its words as `main` keeps them.
-    """
+    """Add the command line that makes a page, as it was typed."""
     with page.only("page"):
         page.paragraph("This report was made by")
         page.paragraph(shlex.join(["robot-energy", *getattr(args, "command", ())]), "command")

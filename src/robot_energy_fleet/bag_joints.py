@@ -88,11 +88,7 @@ class JointSums:
         self.heat: Float = np.zeros(n_joints)
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: Every torque sample comes once, its power sample then or later.
-        """
+        """Take what a step of the pipeline gave: a power sample comes with its torque, or later."""
         if output.torque is not None:
             self._waiting.append(output.torque)
         if output.power is None:

@@ -81,11 +81,7 @@ def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) ->
 
 @one_thread
 def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
-    """Return the row of a bag; whatever is wrong with it becomes a row with the reason.
-
-    Args:
-        max_scratch: Size up to which a remote bag is copied here. [bytes]
-    """
+    """Return the row of a bag; whatever is wrong with it becomes a row with the reason."""
     if bag.version != __version__:
         raise DatasetError(
             f"a worker runs version {__version__}",

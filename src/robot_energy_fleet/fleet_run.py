@@ -62,7 +62,6 @@ def on_dask(
 
     Args:
         memory: Of each at most; one that needs more is started again.
-        max_scratch: Size up to which a worker copies a remote bag. [bytes]
     """
     require("distributed", "a fleet")
     import dask.config
@@ -380,11 +379,7 @@ def _keep(bag: FleetBag, row: BagRow, dataset: Dataset, done: FleetRun) -> None:
 
 
 def in_turn(max_scratch: int = MAX_SCRATCH) -> Replays:
-    """Return how bags are replayed one after the other in this process.
-
-    Args:
-        max_scratch: Size up to which a remote bag is copied. [bytes]
-    """
+    """Return how bags are replayed one after the other in this process."""
 
     def replays(bags: Iterator[FleetBag], models: Models) -> Source:
         for bag in bags:

@@ -82,11 +82,7 @@ class FleetTables(Described):
 
 
 def tables_of(bags: Iterable[Rows]) -> FleetTables:
-    """Return the rows of many bags as tables.
-
-    Args:
-        bags: Of each bag, the rows of every table by its name.
-    """
+    """Return the rows of many bags as tables."""
     rows: Rows = {name: [] for name in SCHEMAS}
     for bag in bags:
         for name, own in bag.items():

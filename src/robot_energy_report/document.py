@@ -69,11 +69,7 @@ class Column(Described):
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def cell(self, row: Any) -> str:
-        """Return what stands in a row.
-
-        Args:
-            row: Has the value as an attribute, or under a key or number; or the function takes it.
-        """
+        """Return what stands in a row, which has the value as attribute, key or number."""
         return self._text(self._of(row))
 
     def has_something(self, rows: Sequence[Any]) -> bool:
@@ -186,21 +182,13 @@ class Document:
         return [part for place, part in self.parts if place in ("both", where)]
 
     def heading(self, text: str, depth: int = 2) -> None:
-        """Begin a section; pages list those of depth 2 at the top.
-
-        Args:
-            depth: 2 for a section, 3 and 4 for those inside it.
-        """
+        """Begin a section, or one inside it; pages list those of depth 2 at the top."""
         if depth not in HEADINGS:
             raise ReportError(f"a heading of depth {depth}", f"2 to {max(HEADINGS)}")
         self.paragraph(text, HEADINGS[depth])
 
     def paragraph(self, text: str = "", kind: Kind = "plain") -> None:
-        """Add text; pages set what stands between backticks as code, and leave out no text.
-
-        Args:
-            kind: How it is set: plain, strong, as a heading, a note, a problem or a command.
-        """
+        """Add text; pages set what stands between backticks as code, and leave out no text."""
         self.add(Text(text, kind))
 
     def note(self, text: str) -> None:
@@ -217,11 +205,7 @@ class Document:
         self.add(Table("", (), rows))
 
     def figure(self, draw: Draw, caption: str) -> None:
-        """Add a figure.
-
-        Args:
-            caption: What is to be seen; also read out where the figure cannot be shown.
-        """
+        """Add a figure; its caption is also read out where it cannot be shown."""
         self.add(Illustration(draw, caption))
 
     def table(

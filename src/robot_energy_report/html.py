@@ -41,11 +41,7 @@ THEME = '<button id="theme" type="button" aria-label="Colours: as the system">Au
 
 
 def write_page(document: Document, path: str | Path) -> None:
-    """Write a page whole or not at all.
-
-    Args:
-        path: File to write; a name that ends in .pdf makes a PDF.
-    """
+    """Write a page whole or not at all; a name that ends in .pdf makes a PDF."""
     html = page_html(document).encode("utf-8", "backslashreplace")
     if Path(path).suffix.lower() == ".pdf":
         write_file(path, printed(html), PDF, "the report")

@@ -23,11 +23,7 @@ from robot_energy_report.formats import (
 
 
 def bus_verdict(report: SharedBusReport) -> str:
-    """Return what the bus saves, in a sentence.
-
-    Args:
-        report: Of recordings, or of programs: with their best starts.
-    """
+    """Return what the bus saves, in a sentence."""
     saved, half = report.saved, report.half
     what = f"{len(report.robots)} robots on one DC bus"
     if report.saved_best is not None and report.half_best is not None:
@@ -270,11 +266,7 @@ BAR = 0.36  # inch per measure
 
 
 def measures_and_front(report: OptimizationReport, path: Target) -> None:
-    """Draw savings with their bands above energy over time.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix; or a buffer.
-    """
+    """Draw savings with their bands above energy over time."""
     bars = 0.9 + BAR * (1 + len(report.measures))
     with canvas(path, (8.0, bars + 3.2), "saving per cycle, and trade-offs") as figure:
         axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])

@@ -146,11 +146,7 @@ def _temperatures(run: PredictionReport) -> str:
 def prediction_document(
     report: PredictionsReport, page: Document, results: Sequence[Prediction] = ()
 ) -> None:
-    """Add all that predictions say.
-
-    Args:
-        results: The predictions behind it, for the power over time; may be empty.
-    """
+    """Add all that predictions say, with the power over time where their results are given."""
     runs, names = report.runs, labels(report.runs)
     if len(runs) > 1:
         with page.only("page"):

@@ -42,9 +42,6 @@ def recordings_document(
 
     A recording that was given twice counts once, and a note says so; so it does where recordings
     of one robot overlap in time.
-
-    Args:
-        recordings: Reports, with the curves for their figures over time or None.
     """
     recordings, notes = _once(recordings)
     if len(recordings) == 1:

@@ -93,11 +93,7 @@ def predicted_series(
 
 
 def curves_of(results: Sequence[Replay], changes: Sequence[str | None]) -> list[Series]:
-    """Return the curves of one or two replays of a bag, the measured one first.
-
-    Args:
-        changes: What was changed about the model of each; None for nothing.
-    """
+    """Return the curves of one or two replays of a bag, the measured one first."""
     curves: list[Series] = []
     for result, change in zip(results, changes, strict=True):
         label = "predicted, friction by temperature" if len(results) > 1 else "predicted"
@@ -161,9 +157,6 @@ def power_and_energy(
     The residual, predicted minus measured, is drawn where a measured curve is among the
     series; without one there is no such panel. The 90 % band of a predicted energy stands at the
     end of its curve.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix. It is replaced whole.
     """
     measured = [curve for curve in series if curve.role == "measured"]
     if not series or len(measured) > 1:

@@ -101,11 +101,7 @@ class RigOutput(Described):
 
     @classmethod
     def concatenate(cls, outputs: Sequence[RigOutput]) -> RigOutput:
-        """Return one output with all samples and readings, in the order given.
-
-        Args:
-            outputs: At least one.
-        """
+        """Return at least one output as one with all samples and readings, in the order given."""
         temperatures = [o.temperatures for o in outputs if o.temperatures is not None]
         meters = [o.meter for o in outputs if o.meter is not None]
         return cls(

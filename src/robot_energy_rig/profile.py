@@ -252,11 +252,7 @@ class PlantProfile(Described):
         return Robot.from_model(model), Drivetrain.from_model(model)
 
     def motion_limits(self, robot: Robot) -> MotionLimits:
-        """Return limits for programs of this robot; joints without end stay within +-pi.
-
-        Args:
-            robot: Its rigid bodies, for positions and speeds.
-        """
+        """Return limits for programs of this robot; joints without end stay within +-pi."""
         limits = MotionLimits.of_robot(robot, self.acceleration, JERK_TIME)
         turn = np.where(robot.limits.wraps, np.pi, np.inf)
         return replace(

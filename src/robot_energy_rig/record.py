@@ -68,7 +68,6 @@ def auxiliary_loads(
     a counter of whole joules. States follow by message when they change.
 
     Args:
-        start_ns: Of the run. [ns]
         duration: Of the run, or of the part. [s]
         begin: Where the part begins. [s]
         used: True energy of each load before. [J]
@@ -106,11 +105,7 @@ def auxiliary_loads(
 
 
 class LoadPlayer:
-    """Pump and extruder next to a rig that runs without an end.
-
-    Args:
-        start_ns: Stamp of its begin. [ns]
-    """
+    """Pump and extruder next to a rig that runs without an end."""
 
     def __init__(self, start_ns: int, seed: int) -> None:
         self._start_ns, self._seed = start_ns, seed
@@ -120,11 +115,7 @@ class LoadPlayer:
         self._used: dict[str, float] = {}
 
     def step_until(self, stamp_ns: int) -> dict[str, LoadRecord]:
-        """Return what meters and states have said since the last call, by the names of the loads.
-
-        Args:
-            stamp_ns: Until when. [ns]
-        """
+        """Return what meters and states have said since the last call, by the names of loads."""
         while self._end_ns <= stamp_ns:
             begin, self._parts = self._parts * PUMP_PERIOD, self._parts + 1
             self._end_ns = self._start_ns + round(self._parts * PUMP_PERIOD / NANOSECOND)

@@ -191,9 +191,6 @@ class VirtualRig:
 
         Temperatures and meter readings come with the first step whose last sample is not
         before their stamp.
-
-        Args:
-            n_samples: How many samples, >= 1.
         """
         if n_samples < 1:
             raise RigError(f"a step of {n_samples} samples was asked for", "at least 1")

@@ -57,11 +57,7 @@ class Row(Described):
 
 
 def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
-    """Return one row per bundled bag, after printing the table and writing the figures.
-
-    Args:
-        model_name: Model of the robot in the bags: a name or a file.
-    """
+    """Return one row per bundled bag, after printing the table and writing the figures."""
     model = load(model_name)
     out.mkdir(parents=True, exist_ok=True)
     rows = [_row(path, model, out) for path in bundled(bags, BAGS)]

@@ -121,11 +121,7 @@ class _Alarm:
 
 
 class AlarmWatch:
-    """Notes alarms of one robot that last, and restarts of its monitors.
-
-    Args:
-        namespace: Of the robot's monitors, with or without slashes.
-    """
+    """Notes alarms of one robot that last, and restarts of its monitors."""
 
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace.strip("/")

@@ -45,9 +45,6 @@ class RegisterServices:
     """Answers the services of one energy account; what they change is on disk before they answer.
 
     The thread of the ticks changes the account and goes on; it never waits for the disk.
-
-    Args:
-        take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 
     def __init__(

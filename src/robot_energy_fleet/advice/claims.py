@@ -221,9 +221,6 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     Without capacitors ``S = T/2 (2 E[max(D, 0)] - E[max(D_1 + D_2, 0)])``, with demands D_1, D_2 of
     two robots that both work as recorded and start independently: the share s of what is fed back.
     With them see `_share_saved`. None where a supply is regenerative, or nothing is braked.
-
-    Args:
-        evidence: Of recordings, with the demand on the bus.
     """
     if model.cabinet.regeneration_efficiency is not None or evidence.brake_energy <= 0.0:
         return None

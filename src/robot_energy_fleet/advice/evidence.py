@@ -137,11 +137,7 @@ class EvidenceSums:
         self._compared: list[Compared] = []
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: Every torque sample comes once, its power sample then or later.
-        """
+        """Take what a step of the pipeline gave: a power sample comes with its torque, or later."""
         self._deviations.take(output)
         if output.torque is not None:
             self._waiting.append(output.torque)

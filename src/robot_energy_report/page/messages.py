@@ -63,11 +63,7 @@ def newest_loads(run: Run) -> list[Load]:
 
 
 def load_rows(newest: Sequence[Load], counted: Sequence[Load], live: bool) -> list[Load]:
-    """Return the loads as plain values; None where unknown.
-
-    Args:
-        counted: Name and energies of each in the newest registers.
-    """
+    """Return the loads, as they are now and as registers count them; None where unknown."""
     energies = {load["name"]: load for load in counted}
     powers = {load["name"]: load for load in newest}
     rows: list[Load] = []
