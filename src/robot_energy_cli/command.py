@@ -66,8 +66,10 @@ SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 Options = Mapping[str, "str | tuple[str, dict[str, Any]] | Options"]
 """What each option is or does, perhaps with further words, by its spelling: see `add_option`.
 
-A table in the table is a group of options by its title.
+A table in the table is a group of options by its title, perhaps with a line that explains it; of
+those of `ONE_OF` only one may be given.
 """
+ONE_OF = "one of"
 Run = Callable[[Namespace], int]
 
 
@@ -144,8 +146,11 @@ def add_options(group: Any, options: Options) -> None:
                 add_option(group, spelled, said)
             case tuple():
                 add_option(group, spelled, said[0], **said[1])
+            case _ if spelled == ONE_OF:
+                add_options(group.add_mutually_exclusive_group(), said)
             case _:
-                add_options(group.add_argument_group(spelled), said)
+                title, _, line = spelled.partition("\n")
+                add_options(group.add_argument_group(title, line or None), said)
 
 
 def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
@@ -154,7 +159,7 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
     Args:
         spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
             unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
-            ``bags BAG`` are arguments.
+            ``bags BAG`` are arguments; ``--html/--report FILE`` has two names.
     """
     name, _, metavar = spelled.partition(" ")
     if name.startswith("--") and not metavar and not words:
@@ -163,7 +168,7 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
         words = {"type": whole if metavar == COUNT else number, "metavar": metavar, **words}
     elif metavar:
         words["metavar"] = metavar
-    group.add_argument(name, help=text, **words)
+    group.add_argument(*name.split("/"), help=text, **words)
 
 
 def flags(options: type, *chosen: str) -> dict[str, tuple[str, dict[str, Any]]]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from argparse import ArgumentTypeError, Namespace
 
-from robot_energy_cli.command import Command, add_option, add_options
+from robot_energy_cli.command import Command, Options
 from robot_energy_cli.replay_arguments import PAGE_SETTINGS
 from robot_energy_cli.terminal import JSON_OPTION, check_outputs, present
 
@@ -20,26 +20,6 @@ examples:
   robot-energy fleet report dataset --html fleet.html --page-settings prices.yaml
   robot-energy fleet report dataset --json report.json
 """
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("dataset", help="folder that `fleet run` wrote")
-    parser.add_argument(
-        "--html",
-        "--report",
-        dest="report",
-        metavar="FILE",
-        help="the report as one page: .html, or .pdf where a Chromium is installed",
-    )
-    add_options(parser, JSON_OPTION)
-    add_option(
-        parser,
-        "--shifts H,H,...",
-        "hours of the day, local time, at which shifts begin (default 6,14,22)",
-        type=_hours,
-        default=(6, 14, 22),
-    )
-    add_options(parser, PAGE_SETTINGS)
 
 
 def _hours(text: str) -> tuple[int, ...]:
@@ -65,4 +45,17 @@ def _run(args: Namespace) -> int:
     return 0
 
 
-COMMAND = Command("report", "energy and condition of a fleet", _run, _options, DESCRIPTION, EPILOG)
+OPTIONS: Options = {
+    "dataset": "folder that `fleet run` wrote",
+    "--html/--report FILE": (
+        "the report as one page: .html, or .pdf where a Chromium is installed",
+        {"dest": "report"},
+    ),
+    **JSON_OPTION,
+    "--shifts H,H,...": (
+        "hours of the day, local time, at which shifts begin (default 6,14,22)",
+        {"type": _hours, "default": (6, 14, 22)},
+    ),
+    **PAGE_SETTINGS,
+}
+COMMAND = Command("report", "energy and condition of a fleet", _run, OPTIONS, DESCRIPTION, EPILOG)

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy_cli.command import Command, Options, add_option, add_options, flags, frequency
+from robot_energy_cli.command import (
+    Command,
+    Options,
+    add_option,
+    add_options,
+    flags,
+    frequency,
+)
 from robot_energy_cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
 from robot_energy.replay.options import PART
-from robot_energy_cli.command import REQUIRED, Command, add_option, add_options, flags, keywords_of
+from robot_energy_cli.command import REQUIRED, Command, Options, flags, keywords_of
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy_cli.tool_options import add_tool, tool_options
+from robot_energy_cli.tool_options import tool_options, tool_table
 from robot_energy_plan.options import TOOL, OptimizeOptions
 
 DESCRIPTION = """\
@@ -28,32 +28,21 @@ examples:
 """
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    "program PROGRAM|BAG": "YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a "
+    "bag, or a bag of recorded joint states",
     "--model FILE|NAME": ("model of the robot", REQUIRED),
     "--temperature DEGC|A..B": "temperature of all motors, or the range in which they work "
     "(default: that of the model)",
     **flags(OptimizeOptions, ""),
+    "G-code": {**tool_table(), **flags(OptimizeOptions, TOOL)},
+    "part of recorded joint states: one cycle": flags(OptimizeOptions, PART),
+    "output": {
+        "--out FILE": "write the chosen program in the form of the given one",
+        **OUTPUTS,
+        "--plot FILE": "draw savings and trade-offs: png, svg, pdf",
+    },
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "program",
-        metavar="PROGRAM|BAG",
-        help="YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a bag "
-        "of recorded joint states",
-    )
-    add_options(parser, OPTIONS)
-    tool = parser.add_argument_group("G-code")
-    add_tool(tool)
-    add_options(tool, flags(OptimizeOptions, TOOL))
-    add_options(
-        parser.add_argument_group("part of recorded joint states: one cycle"),
-        flags(OptimizeOptions, PART),
-    )
-    output = parser.add_argument_group("output")
-    add_option(output, "--out FILE", "write the chosen program in the form of the given one")
-    add_options(output, OUTPUTS | {"--plot FILE": "draw savings and trade-offs: png, svg, pdf"})
 
 
 def _run(args: Namespace) -> int:
@@ -101,7 +90,7 @@ COMMAND = Command(
     "optimize",
     "programs that need less energy for the same work",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy_cli.command import Command, add_options, flags
+from robot_energy_cli.command import LIST, Command, Options, flags
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy_cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
+from robot_energy_cli.tool_options import AT_ORIGIN, START, tool_options, tool_table
 from robot_energy_plan.options import PAYLOAD_LINK, PredictOptions
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ examples:
 """
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    "program PROGRAM": ("program of motion", LIST),
     "--model FILE|NAME": (
         "model of the robot; repeat the option for several robots",
         SEVERAL_REQUIRED,
@@ -55,23 +56,15 @@ OPTIONS = {
     ),
     **flags(PredictOptions, ""),
     "--topic NAME": "of the JointTrajectory in a bag",
+    "output": {**OUTPUTS, "--plot FILE": "draw energy and power: png, svg or pdf"},
+    "G-code and shapes": tool_table(several=True),
+    "shapes\nan STL file is cut into layers; no infill": {
+        "--layer-height MM": "default 10 mm",
+        "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
+        "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
+        "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
+    },
 }
-SHAPE = {
-    "--layer-height MM": "default 10 mm",
-    "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
-    "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
-    "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
-    add_options(parser, OPTIONS)
-    output = parser.add_argument_group("output")
-    add_options(output, OUTPUTS | {"--plot FILE": "draw energy and power: png, svg or pdf"})
-    add_tool(parser.add_argument_group("G-code and shapes"), several=True, also=("--start",))
-    shape = parser.add_argument_group("shapes", "an STL file is cut into layers; no infill")
-    add_options(shape, SHAPE)
 
 
 def _run(args: Namespace) -> int:
@@ -192,7 +185,7 @@ COMMAND = Command(
     "predict",
     "the energy of motion programs before they are run",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

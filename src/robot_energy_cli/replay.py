@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +12,14 @@ from robot_energy.foundation.errors import PageError, ReportError
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import OUTPUTS as WRITTEN
 from robot_energy.replay.options import ReplayOptions
-from robot_energy_cli.command import Command, Options, add_options, flags
+from robot_energy_cli.command import Command, Options, flags
 from robot_energy_cli.replay_arguments import (
     BAG,
     DAMAGED,
     PAGE,
-    add_replay,
     model_named,
     options_given,
+    replay_options,
 )
 from robot_energy_cli.terminal import JSON_OPTION, check_bag, check_outputs, present, progress
 
@@ -57,27 +57,24 @@ examples:
 """
 
 
-OUTPUTS: Options = {
-    **flags(ReplayOptions, WRITTEN),
-    **JSON_OPTION,
-    "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
-    "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium is "
-    "installed",
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", help=BAG)
-    add_options(parser, flags(ReplayOptions, "processes"))
-    add_options(parser.add_argument_group("outputs"), OUTPUTS)
-    add_options(parser.add_argument_group("energy page"), PAGE)
-    add_options(parser, flags(ReplayOptions, "jobs"))
-    add_replay(
-        parser,
+OPTIONS: Options = {
+    "bag": BAG,
+    **flags(ReplayOptions, "processes"),
+    "outputs": {
+        **flags(ReplayOptions, WRITTEN),
+        **JSON_OPTION,
+        "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
+        "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium "
+        "is installed",
+    },
+    "energy page": PAGE,
+    **flags(ReplayOptions, "jobs"),
+    **replay_options(
         "",
         "run a second time with friction fixed at this temperature (default: the model's "
         "fallback temperature) and compare both",
-    )
+    ),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -247,5 +244,5 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
 
 
 COMMAND = Command(
-    "replay", "where the energy of a recorded bag went", _run, _options, DESCRIPTION, EPILOG
+    "replay", "where the energy of a recorded bag went", _run, OPTIONS, DESCRIPTION, EPILOG
 )
