@@ -41,12 +41,7 @@ class FrictionFound:
     hold: HoldFit | None = None
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
-        """Return a model with this friction, which follows gears where they were found.
-
-        Args:
-            model: Any model of the same robot.
-            source: Where the data come from.
-        """
+        """Return a model with this friction, which follows gears where they were found."""
         names = [fit.name for fit in self.fits]
         written = self.gears.write(with_friction(model, self.fits, source), names)
         return written if self.hold is None else self.hold.write(written, source)
@@ -58,13 +53,7 @@ def find_friction(
     """Return the friction of every axis, over the temperature of gears where they show.
 
     Args:
-        model: With which they were run.
-        source: Where the data come from.
         share: Whether axes of too small a range borrow the temperature shape of others.
-
-    Raises:
-        NotIdentifiableError: If no axis shows its friction.
-        ImplausibleIdentificationError: If it contradicts physics.
     """
     axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
     air = model.temperature.ambient_degc
@@ -94,11 +83,7 @@ class ThermalFound:
     gears: GearsFound = field(default_factory=GearsFound)
 
     def write(self, model: RobotModel) -> RobotModel:
-        """Return a model with these networks and gears.
-
-        Args:
-            model: Any model of the same robot.
-        """
+        """Return a model with these networks and gears."""
         written = with_networks(model, self.fits, self.ambient_degc)
         return self.gears.write(written, [fit.name for fit in self.gears.fits])
 
@@ -109,12 +94,7 @@ def find_thermal(
     """Return thermal networks of motors, and gears by the power meter where torque gave none.
 
     Args:
-        recordings: Run with the model without networks.
         ambient_degc: Of the air; None: the coldest first reading. [degC]
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If there is neither a network nor a gear.
     """
     runs = [runs_of_recordings(recordings, joint) for joint in range(len(model.joints))]
     fits, refused = list[ThermalFit](), list[str]()

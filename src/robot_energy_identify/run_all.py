@@ -88,11 +88,7 @@ class FullIdentification:
         return tuple(step.subject for step in self.steps if step.taken)
 
     def step(self, subject: Subject) -> Step:
-        """Return the step about a subject.
-
-        Args:
-            subject: Which one.
-        """
+        """Return the step about a subject."""
         return next(step for step in self.steps if step.subject == subject)
 
 
@@ -116,9 +112,6 @@ def identify_everything(
         strict: Whether a step that comes out implausible ends it all; else it is left out, as in a
             fold, and no step has the rows of the dynamics.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
-
-    Raises:
-        RobotEnergyError: If bags or model cannot be used at all, or a step is implausible.
     """
     source = ", ".join(dict.fromkeys(bag.name for bag in bags))
     steps: list[Step] = []
@@ -209,12 +202,6 @@ def in_turns(
 
     What the drives take at rest and while braking decides which readings show the constants,
     and the constants which readings show the drives. In the end the model of the drives has both.
-
-    Args:
-        cabinet: Found with the drives of ``model``.
-        drives: Found with that cabinet.
-        model: As the steps before left it.
-        source: Where the data come from.
     """
     fan = drives.model.cabinet.fan
     if fan is not None:

@@ -115,11 +115,7 @@ class Step:
 
 
 def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
-    """Recordings with measured torque.
-
-    Raises:
-        NotIdentifiableError: If no bag has any, saying what is missing.
-    """
+    """Recordings with measured torque."""
     stated = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
     if not stated:
         raise NotIdentifiableError(
@@ -233,10 +229,6 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
     """Return the friction over temperature of every axis; arguments as in `drives_step`.
 
     With ``share`` axes of too small a range borrow the temperature shape of others.
-
-    Raises:
-        NotIdentifiableError: If no axis shows its friction, or the dynamics already gave it.
-        ImplausibleIdentificationError: If it contradicts physics.
     """
     recordings = _measured(bags, model)
     check_signs(recordings, bags[0].effort)
@@ -277,16 +269,7 @@ def constants_step(
 
 
 def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
-    """Return a model with the constants that a meter shows.
-
-    Args:
-        model: As the steps before left it.
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If the meter shows neither of them.
-        ImplausibleIdentificationError: If they contradict physics.
-    """
+    """Return a model with the constants that a meter shows."""
     check_cabinet(fit)
     if fit.loss_grid is None and fit.loss_dc is None:
         raise NotIdentifiableError(
@@ -301,14 +284,6 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     """Return the losses of the drives.
 
     Each drive by measured torque; one meter for all by that of the model, which is what runs.
-
-    Args:
-        model: As the steps before left it.
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If there is neither power of drives nor a meter.
-        ImplausibleIdentificationError: If what was found contradicts physics.
     """
     recordings, powers = powers_of(bags, model)
     measured = any(power is not None for power in powers) and all(
@@ -375,8 +350,6 @@ def capacitor_step(
     """Return what was found of the DC link's energy, after all that decides when it fills.
 
     Args:
-        model: As the steps before left it.
-        source: Where the data come from.
         voltages: Of the link, rectified and of the chopper; None if they are not known. [V]
         drives: Found in the same recordings; None if they are given.
     """

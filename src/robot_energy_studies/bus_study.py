@@ -75,12 +75,7 @@ class DriveWork(Described):
 
 
 def works(folder: Path, plant: int) -> list[DriveWork]:
-    """Return two works of a plant.
-
-    Args:
-        folder: For its recordings.
-        plant: Seed of all that is drawn.
-    """
+    """Return two works of a plant."""
     profile = random_profile(BODY, plant)
     model = DrawnRig(profile, RigConfig.hard(), folder / "training").identified(TRAINING)
     robot, _ = profile.mechanics()
@@ -128,7 +123,6 @@ def circuit_energy(
     """Return the energy from the grid through a supply of the rig. [J]
 
     Args:
-        profile: Any plant.
         power: Input of all drives, shape (N,). [W]
         step: That a sample stands for. [s]
     """
@@ -140,8 +134,6 @@ def true_saving(one: DriveWork, other: DriveWork, shift: int = 0) -> tuple[float
     """Return what one bus truly saves, and the energy with two supplies. [J]
 
     Args:
-        one: Of one robot.
-        other: Of the other, as long.
         shift: Samples by which the other starts later; its end comes first.
     """
     count = min(len(one.power), len(other.power))

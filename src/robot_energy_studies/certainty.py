@@ -108,11 +108,7 @@ class Certainty(Described):
 
 
 def reliability_of(found: list[list[Judged]]) -> dict[str, tuple[Float, Float]]:
-    """Return stated and observed shares of intervals that hold the truth, by group.
-
-    Args:
-        found: Figures of each repetition.
-    """
+    """Return stated and observed shares of intervals that hold the truth, by group."""
     from scipy.stats import norm
 
     curves: dict[str, tuple[Float, Float]] = {}

@@ -99,11 +99,7 @@ class TestedRobot(Described):
 
 
 def data_folder(given: str | None = None) -> Path:
-    """Return the folder of the recordings.
-
-    Raises:
-        ReportError: If there is none.
-    """
+    """Return the folder of the recordings."""
     folder = Path(given or os.environ.get(DATA, "") or "-")
     if not (folder / "rad_ur3e").is_dir() or not (folder / "voraus").is_dir():
         raise ReportError(
@@ -160,11 +156,7 @@ def _yu_cobot(file: Path) -> TestedRobot:
 
 
 def cobot_data(file: Path) -> DriveData:
-    """Return a Yu-Cobot with measured power of its supply and torque of each motor.
-
-    Args:
-        file: ``test.parquet`` of the set.
-    """
+    """Return a Yu-Cobot with measured power of its supply and torque of each motor."""
     mapping = load_mapping(EXAMPLES / "mappings" / "voraus.yaml")
     logs = open_logs([str(file)], mapping)
     effort = mapping.joints.effort

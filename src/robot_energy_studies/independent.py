@@ -165,12 +165,7 @@ def independent_row(plant_seed: int, scale: IndependentStudySize) -> Independent
 def recorded_sets(
     robot: DrawnRobot, seed: int, scale: IndependentStudySize, folder: Path
 ) -> Experiment:
-    """Return what a robot records.
-
-    Args:
-        seed: Of its motions and sensors.
-        folder: Of the bags.
-    """
+    """Return what a robot records."""
     train, test, hold = _programs(robot, seed, scale.moves)
     n_joints, random = len(robot.joint_names), np.random.default_rng([0x6865, seed])
     work = Robots(robot, (train, test), even(2, WORK_DEGC, n_joints), np.full(2, WORK_DEGC))

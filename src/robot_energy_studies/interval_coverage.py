@@ -296,11 +296,7 @@ def repetitions(
 
 
 def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
-    """Return how often the intervals of each group hold the truth.
-
-    Args:
-        found: Figures of each repetition.
-    """
+    """Return how often the intervals of each group hold the truth."""
     rows: list[IntervalCoverage] = []
     for group in GROUPS:
         own = [[entry for entry in part if entry.group == group] for part in found]

@@ -146,9 +146,6 @@ def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
     """Return errors of every motor of a log, fitted on its first run, over its last one.
 
     Of that the fit has seen nothing but the first reading.
-
-    Raises:
-        NotIdentifiableError: If a motor of the log has fewer than two runs.
     """
     found: list[FreeRun] = []
     runs = [runs_of_log([rows], joint) for joint in range(len(names))]

@@ -74,15 +74,7 @@ class DrivesFound:
     delay: Delay | None = None
 
     def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
-        """Return a model with these drives, and what was decided without data, one sentence each.
-
-        Args:
-            model: Any model of the same robot.
-            source: Where the data come from.
-
-        Raises:
-            NotIdentifiableError: If a drive was not identified and the model has none of it.
-        """
+        """Return a model with these drives, and what was decided without data."""
         if self.total is not None:
             model = with_response(model, self.total.low_pass, self.total.delay, source)
         if self.drives is not None:
@@ -123,12 +115,8 @@ def find_drives(
 
     Args:
         model: Of the robot; None for a log.
-        source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]
         in_time: Whether delay and low pass of the meters are known and undone.
-
-    Raises:
-        NotIdentifiableError: If neither power of drives nor a meter determines anything.
     """
     drives = delay = None
     if data.usable.any():

@@ -93,11 +93,7 @@ class DriveData:
         return len(self.stamp_ns)
 
     def samples_of(self, number: int) -> slice:
-        """Return the samples of one recording.
-
-        Args:
-            number: Of the recording.
-        """
+        """Return the samples of one recording."""
         return slice(*np.searchsorted(self.recording, (number, number + 1)).tolist())
 
     @cached_property
@@ -132,23 +128,14 @@ class DriveData:
         return self.motor_torque * self.motor_velocity
 
     def loss_columns(self, rows: Rows = ALL, joints: slice | int = ALL) -> Float:
-        """Return the columns of the loss model (`losses.loss_columns`).
-
-        Args:
-            rows: Which samples.
-            joints: Which drives.
-        """
+        """Return the columns of the loss model (`losses.loss_columns`)."""
         part = (rows, joints)
         return loss_columns(
             self.motor_velocity[part], self.motor_torque[part], self.motor_temperature_degc[part]
         )
 
     def input_power(self, drive: Drive, joints: slice = ALL) -> Float:
-        """Return the electrical power that a model of some drives says, shape (N, joints). [W]
-
-        Args:
-            joints: Which drives they are.
-        """
+        """Return the electrical power that a model of some drives says, shape (N, joints). [W]"""
         power, _ = drive.input_power(
             self.shaft_power[:, joints],
             self.motor_velocity[:, joints],
@@ -330,9 +317,6 @@ def drive_data_of_logs(
     Args:
         logs: What each log holds, and its rows. A log may hold several recordings, more
             than five seconds apart.
-
-    Raises:
-        LogFormatError: If the effort is not a torque, speeds are missing, or joints differ.
     """
     contents = logs[0][0]
     if unit != "newton_metre" or not contents.effort or not contents.velocity:

@@ -62,9 +62,6 @@ class DrivePowerTopics:
             currents d and q [A] and voltages d and q [V], from which the power is computed (paper
             B eq. 1) at each message of the second.
         joints: In the order of the values; None: as in the model.
-
-    Raises:
-        MissingTopicError: If there are neither one nor four topics.
     """
 
     topics: tuple[str, ...]
@@ -80,9 +77,6 @@ class DrivePowerTopics:
 
     def read(self, path: str | Path, names: Sequence[str]) -> MeasuredDrivePower:
         """Read the power of the drives, by the time each message was recorded.
-
-        Args:
-            path: MCAP file or rosbag2 folder.
 
         Returns:
             The readings; NaN where a current or voltage is missing for longer than 0.1 s.
@@ -109,11 +103,7 @@ def drive_topics(
     """Return where bags have the power of the drives; None if no topic is given.
 
     Args:
-        topics: One or four, see `DrivePowerTopics`.
         joints: In the order of the values; None: as in the model.
-
-    Raises:
-        MissingTopicError: If there are neither one nor four topics.
     """
     if not topics:
         return None

@@ -132,9 +132,6 @@ def fit_drives(
         source: Where they come from, for the model file.
         cutoff: Of the low-pass of the maps. [Hz]
         compare: Test all ways on parts held out; without it the loss model is chosen.
-
-    Raises:
-        NotIdentifiableError: If no drive can be identified.
     """
     fitter = _Fitter(data, cutoff, points)
     axes = tuple(fitter.axis(joint, data.usable[:, joint], source) for joint in fitter.joints)
@@ -338,15 +335,7 @@ class _Fitter:
 
 
 def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
-    """Return a model with the chosen drive model; drives that were not identified keep theirs.
-
-    Args:
-        model: Any model of the same robot.
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If a drive was not identified and the model has no losses of it.
-    """
+    """Return a model with the chosen drive model; drives that were not identified keep theirs."""
     kind = DRIVE_MODELS[fit.chosen]
     joints = list(model.joints)
     for index, (joint, axis) in enumerate(zip(model.joints, fit.axes, strict=True)):

@@ -39,9 +39,6 @@ def fit_loss_map(
         power: Measured input, shape (N,). [W]
         window: Over which both sides are averaged, against noise: its number, rising, shape (N,).
         source: Where the data come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If there are too few samples, or the drive stands or has no load.
     """
     speed = np.abs(velocity)
     load = equal_heat_torque(torque, degc, COPPER_COEFFICIENT)
@@ -112,11 +109,7 @@ def _bend(knots: Float) -> Float:
 
 
 def fitted_loss_map(axis: AxisFit, source: str) -> LossMap | None:
-    """Return the entry of the loss map; None where the data do not determine it.
-
-    Args:
-        source: Where the data come from.
-    """
+    """Return the entry of the loss map; None where the data do not determine it."""
     if (seen := axis.samples) is None:
         return None
     return fit_loss_map(

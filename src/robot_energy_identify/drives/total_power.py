@@ -83,11 +83,7 @@ class TotalFit:
 
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
-    """Return the fit of the simplest structure that no other beats on blocks it has not seen.
-
-    Raises:
-        NotIdentifiableError: If not even a constant can be fitted.
-    """
+    """Return the fit of the simplest structure that no other beats on blocks it has not seen."""
     predicted: dict[Structure, Float] = {}
     fold = contiguous_folds(len(data))
     for structure in STRUCTURES:
@@ -117,9 +113,6 @@ def fit_structure(
 
     Args:
         errors: On blocks not seen, for the record. [W]
-
-    Raises:
-        NotIdentifiableError: If the readings are too few.
     """
     n_joints = len(data.names)
     columns, names, place = _columns(data, structure)
@@ -198,9 +191,6 @@ def fan_share(data: Sums, structure: Structure) -> float:
     Args:
         data: Pieces between readings, with a fan.
         structure: Of the losses that are fitted with it.
-
-    Raises:
-        NotIdentifiableError: If the readings are too few.
     """
     assert data.fan is not None
     columns, names, _ = _columns(data, structure)
@@ -220,12 +210,7 @@ def constant_errors(data: Sums, fit: TotalFit) -> list[Float]:
 
 
 def predict(data: Sums, fit: TotalFit) -> Float:
-    """Return what the meter would read, shape (K,). [W]
-
-    Args:
-        data: Pieces between readings.
-        fit: Losses behind them.
-    """
+    """Return what the meter would read, shape (K,). [W]"""
     shaft = 0.0 if fit.structure == "constant" else data.shaft
     return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 
@@ -329,9 +314,6 @@ def with_total(
     says of the grid side. Where that side is not identified, no side has a deviation of its own.
 
     Args:
-        model: Any model of the same robot.
-        place: Where the meter sits.
-        source: Where the data come from.
         meter: Standard deviation of its gain. [-]
     """
     joints = [

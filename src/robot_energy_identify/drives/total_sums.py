@@ -84,9 +84,6 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
     Args:
         model: Where coefficients are shared between axes, its own losses say in which
             ratio, else its torque constants, else they are alike. None for a log.
-
-    Raises:
-        NotIdentifiableError: If there is no meter, or too few readings during samples.
     """
     place = location(data)
     if place is None:
@@ -171,9 +168,6 @@ def joined(
     Args:
         parts: Pieces, means of shape (K, columns) and numbers of shape (K,), in the order of
             time. [W]
-
-    Raises:
-        NotIdentifiableError: If there are too few pieces.
     """
     pieces = CoveredPieces.empty()
     for part, _, _ in parts:

@@ -54,12 +54,7 @@ class HoldFit(Described):
     rests: Annotated[int, "Number of equations."]
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
-        """Return a model with these figures.
-
-        Args:
-            model: Any model of the same robot.
-            source: Where the data come from.
-        """
+        """Return a model with these figures."""
         kept, carried = (
             Figure(value=float(np.clip(value, -1.0, 1.0)), std=std, tag="identified", source=source)
             for value, std in (self.kept, self.carried)
@@ -91,11 +86,7 @@ class _Rests:
 
 
 def fit_hold(recordings: Sequence[Recording], model: RobotModel) -> HoldFit | None:
-    """Return what the motors of a robot hold at rest; None where too few rests show it.
-
-    Args:
-        model: With the friction that they show.
-    """
+    """Return what the motors of a robot hold at rest; None where too few rests show it."""
     rests = _rests(recordings, model)
     count = len(rests.joint)
     if count < MIN_RESTS:

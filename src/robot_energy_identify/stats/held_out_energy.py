@@ -90,11 +90,7 @@ class Tested(Described):
     outside: Annotated[OutsideFit | None, "The joint that was it most; None if none was."] = None
 
     def error(self, stage: str) -> float:
-        """Return predicted over measured energy minus 1; NaN without a meter.
-
-        Args:
-            stage: ``given`` or a subject.
-        """
+        """Return predicted over measured energy minus 1; NaN without a meter."""
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
@@ -133,7 +129,6 @@ class HeldOutEnergy(Described):
         """Return the mean size of the energy error at the meter.
 
         Args:
-            stage: ``given`` or a subject.
             entries: Of which recordings; None for all that can be compared.
         """
         chosen = self.metered if entries is None else entries
