@@ -210,9 +210,9 @@ MODULES = {
         virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
-        generated_fleet independent independent_page interval_coverage judged_savings
-        learning_study left_out savings savings_page savings_study thermal_study wear_shift
+        band_coverage certainty certainty_page ecbot ecbot_page generated_fleet independent
+        independent_page interval_coverage judged_savings learning_study savings savings_page
+        savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots

@@ -5,11 +5,11 @@ import os
 from pathlib import Path
 
 import pytest
+from left_out import ur3e, width_ratio, xarm_friction, yu_cobot
 
 from places import ROOT
 from robot_energy.model import load
 from robot_energy_cli.main import main
-from robot_energy_studies.left_out import ur3e, width_ratio, xarm_friction, yu_cobot
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 

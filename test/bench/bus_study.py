@@ -6,11 +6,13 @@ begun at once; `advise` gets one recording and speaks of two such robots with an
 is the true power of the drives in the supply circuit of the rig, whose chopper has hysteresis and
 whose rectifier loses: once in a supply for each robot, once in one with the capacitors, resistors
 and constant losses of both. Simulated throughout.
+
+    python test/bench/bus_study.py FIRST PLANTS
 """
 
 from __future__ import annotations
 
-import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -201,8 +203,11 @@ def count(rows: Sequence[JudgedBus]) -> list[str]:
 
 
 if __name__ == "__main__":
-    start, plants = int(sys.argv[1]), int(sys.argv[2])
-    with job_pool(2, Steps(plants // 2, None).done) as run:
-        jobs = [run(judged_plants, seed) for seed in range(start, start + plants, 2)]
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("first", type=int, help="seed of the first plant")
+    parser.add_argument("plants", type=int, help="how many, by two")
+    asked = parser.parse_args()
+    with job_pool(2, Steps(asked.plants // 2, None).done) as run:
+        jobs = [run(judged_plants, asked.first + place) for place in range(0, asked.plants, 2)]
         judged = [row for job in jobs for row in job.result()]
     print("\n".join(count(judged)))
