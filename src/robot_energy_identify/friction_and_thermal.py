@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy_identify.data.recordings import Recording
@@ -24,21 +26,17 @@ from robot_energy_identify.thermal.network import (
 from robot_energy_identify.thermal.windows import runs_of_recordings
 
 
-@dataclass(frozen=True)
-class FrictionFound:
-    """Friction over temperature.
+class FrictionFound(Described):
+    """Friction over temperature."""
 
-    Attributes:
-        fits: One per axis that could be identified.
-        refused: Why the others could not, one sentence each.
-        gears: Temperatures of gears, which the friction of their axes follows.
-        hold: What motors hold at rest; None where too few rests show it.
-    """
-
-    fits: tuple[FrictionFit, ...]
-    refused: tuple[str, ...]
-    gears: GearsFound = field(default_factory=GearsFound)
-    hold: HoldFit | None = None
+    fits: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
+    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    gears: Annotated[
+        GearsFound, "Temperatures of gears, which the friction of their axes follows."
+    ] = field(default_factory=GearsFound)
+    hold: Annotated[
+        HoldFit | None, "What motors hold at rest; None where too few rests show it."
+    ] = None
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with this friction, which follows gears where they were found."""
@@ -66,21 +64,15 @@ def find_friction(
     return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold)
 
 
-@dataclass(frozen=True)
-class ThermalFound:
-    """Thermal networks of the motors.
+class ThermalFound(Described):
+    """Thermal networks of the motors."""
 
-    Attributes:
-        ambient_degc: Temperature of the air: the coldest first reading. [degC]
-        fits: One per motor that could be identified.
-        refused: Why the others could not, one sentence each.
-        gears: Temperatures of gears, found by the power meter.
-    """
-
-    ambient_degc: float
-    fits: tuple[ThermalFit, ...]
-    refused: tuple[str, ...]
-    gears: GearsFound = field(default_factory=GearsFound)
+    ambient_degc: Annotated[float, "Temperature of the air: the coldest first reading. [degC]"]
+    fits: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
+    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    gears: Annotated[GearsFound, "Temperatures of gears, found by the power meter."] = field(
+        default_factory=GearsFound
+    )
 
     def write(self, model: RobotModel) -> RobotModel:
         """Return a model with these networks and gears."""

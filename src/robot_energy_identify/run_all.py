@@ -15,10 +15,12 @@ already has is not taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import Annotated
 
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import (
     ImplausibleIdentificationError,
     ModelFileError,
@@ -58,24 +60,22 @@ MAX_TURNS = 4  # of cabinet and drives, each found with what the other found
 MAX_MOVE, MIN_MOVE = 0.2, 0.1  # of a deviation, W: a constant that moves by less has settled
 
 
-@dataclass(frozen=True)
-class FullIdentification:
-    """All that was identified.
+class FullIdentification(Described):
+    """All that was identified."""
 
-    Attributes:
-        given: The model that it began with.
-        steps: In the order in which they were done.
-        meter_delay: Of the power meter behind the joint states; undone where it is sure. None
-            where it cannot be determined.
-        meter_time_constant: Of a low pass in the power meter; likewise.
-        share_shape: Whether axes of too small a range borrowed the temperature shape of others.
-    """
-
-    given: RobotModel
-    steps: tuple[Step, ...]
-    meter_delay: Delay | None = None
-    share_shape: bool = False
-    meter_time_constant: Delay | None = None
+    given: Annotated[RobotModel, "The model that it began with."]
+    steps: Annotated[tuple[Step, ...], "In the order in which they were done."]
+    meter_delay: Annotated[
+        Delay | None,
+        "Of the power meter behind the joint states; undone where it is sure. None where it "
+        "cannot be determined.",
+    ] = None
+    share_shape: Annotated[
+        bool, "Whether axes of too small a range borrowed the temperature shape of others."
+    ] = False
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the power meter; likewise."] = (
+        None
+    )
 
     @property
     def model(self) -> RobotModel:

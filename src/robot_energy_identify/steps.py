@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
@@ -61,19 +62,15 @@ SUBJECTS: tuple[Subject, ...] = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class DynamicsFound:
-    """Bodies, rotors and friction, and what the bodies are worth.
-
-    Attributes:
-        given: The same with the bodies as given; rotors and friction refitted.
-        seconds: Taken of each recording, in pieces of it; infinite for all. [s]
-    """
+class DynamicsFound(Described):
+    """Bodies, rotors and friction, and what the bodies are worth."""
 
     result: Dynamics
     consistent: TorqueError
-    given: TorqueError
-    seconds: float
+    given: Annotated[
+        TorqueError, "The same with the bodies as given; rotors and friction refitted."
+    ]
+    seconds: Annotated[float, "Taken of each recording, in pieces of it; infinite for all. [s]"]
 
     @cached_property
     def least_squares(self) -> TorqueError:
@@ -84,21 +81,16 @@ class DynamicsFound:
 Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit | ThermalFound
 
 
-@dataclass(frozen=True)
-class Step:
-    """One step of the whole.
-
-    Attributes:
-        found: What the recordings determine; None if the step was left out.
-        reason: Why it was left out, or why what was found was not taken; empty otherwise.
-        notes: What was decided without data, one sentence each.
-    """
+class Step(Described):
+    """One step of the whole."""
 
     subject: Subject
-    found: Found | None
-    reason: str
+    found: Annotated[Found | None, "What the recordings determine; None if the step was left out."]
+    reason: Annotated[
+        str, "Why it was left out, or why what was found was not taken; empty otherwise."
+    ]
     model: RobotModel
-    notes: tuple[str, ...] = ()
+    notes: Annotated[tuple[str, ...], "What was decided without data, one sentence each."] = ()
 
     @property
     def taken(self) -> bool:

@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.motor_heat import MotorHeat
@@ -55,45 +57,38 @@ AMBIENT_SPREAD = 3.0  # K between the air of the model file and that of the test
 HOTTEST = 120.0  # degC, beyond which a plant is worked at half the speed
 
 
-@dataclass(frozen=True)
-class HiddenPlant:
-    """One plant, its test replayed without temperature sensors.
-
-    Attributes:
-        warm_rms: Error of the estimate after the first twenty minutes, by joint. [K]
-        early_rms: The same within them. [K]
-        fallback_rms: Error of the fallback temperature over the whole test, by joint. [K]
-        std: Mean standard deviation that the estimate states. [K]
-        covered: Share of the samples whose true temperature lies in the 90 % band. [-]
-        energy_change: Predicted energy without sensors over that with them, less 1, each of the
-            true energy. [-]
-        fallback_change: The same with the fallback temperature instead of the estimate. [-]
-        refused: Why joints have no network, one sentence each.
-    """
+class HiddenPlant(Described):
+    """One plant, its test replayed without temperature sensors."""
 
     name: str
-    warm_rms: Float
-    early_rms: Float
-    fallback_rms: Float
-    std: float
-    covered: float
-    energy_change: float
-    fallback_change: float
-    refused: tuple[str, ...] = ()
+    warm_rms: Annotated[
+        Float, "Error of the estimate after the first twenty minutes, by joint. [K]"
+    ]
+    early_rms: Annotated[Float, "The same within them. [K]"]
+    fallback_rms: Annotated[
+        Float, "Error of the fallback temperature over the whole test, by joint. [K]"
+    ]
+    std: Annotated[float, "Mean standard deviation that the estimate states. [K]"]
+    covered: Annotated[
+        float, "Share of the samples whose true temperature lies in the 90 % band. [-]"
+    ]
+    energy_change: Annotated[
+        float,
+        "Predicted energy without sensors over that with them, less 1, each of the true "
+        "energy. [-]",
+    ]
+    fallback_change: Annotated[
+        float, "The same with the fallback temperature instead of the estimate. [-]"
+    ]
+    refused: Annotated[tuple[str, ...], "Why joints have no network, one sentence each."] = ()
 
 
-@dataclass(frozen=True)
-class FreeRun:
-    """One motor of a log: fitted on one run, run freely over another.
-
-    Attributes:
-        rms: Of the free run. [K]
-        held_rms: With the first reading held. [K]
-    """
+class FreeRun(Described):
+    """One motor of a log: fitted on one run, run freely over another."""
 
     name: str
-    rms: float
-    held_rms: float
+    rms: Annotated[float, "Of the free run. [K]"]
+    held_rms: Annotated[float, "With the first reading held. [K]"]
 
 
 @dataclass(frozen=True)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.physics.cabinet import FanStage
 from robot_energy.physics.drive import Drive
@@ -51,43 +51,38 @@ ALL = slice(None)
 Rows = slice | Int | NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class DriveData:
-    """Samples of all drives, motor side; NaN where something is not known.
-
-    Attributes:
-        stamp_ns: Shape (N,). [ns]
-        recording: Number of the recording of each sample, rising, shape (N,).
-        segment: A new one begins after an interruption, shape (N,).
-        motor_velocity: Shape (N, n). [rad/s]
-        motor_torque: Shape (N, n). [N m]
-        motor_temperature_degc: Of the windings, shape (N, n). [degC]
-        drive_power: Measured electrical input, shape (N, n). [W]
-        meters: Readings of each recording's power meter, None without one.
-        limits: What the user says of the readings of each.
-        braking: Where the supply does not pass on what the drives draw, shape (N,).
-        torque_share: Part of the motor torque that is off by the error of its torque constant,
-            shape (N, n); the rest comes from bodies that are given. [N m]
-        viscous_off: Power by which the viscous friction in use is off at one deviation of its law,
-            shape (N, n); None where the torque is measured. [W]
-        fan_power: Of the fan of the model, shape (N,); None without one. [W]
-    """
+class DriveData(Described):
+    """Samples of all drives, motor side; NaN where something is not known."""
 
     names: tuple[str, ...]
-    stamp_ns: Int
-    recording: Int
-    segment: Int
-    motor_velocity: Float
-    motor_torque: Float
-    motor_temperature_degc: Float
-    drive_power: Float
-    meters: tuple[MeterBlock | None, ...]
-    limits: tuple[MeterLimits, ...]
-    braking: NDArray[np.bool_]
-    torque_share: Float
+    stamp_ns: Annotated[Int, "Shape (N,). [ns]"]
+    recording: Annotated[Int, "Number of the recording of each sample, rising, shape (N,)."]
+    segment: Annotated[Int, "A new one begins after an interruption, shape (N,)."]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    motor_torque: Annotated[Float, "Shape (N, n). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Of the windings, shape (N, n). [degC]"]
+    drive_power: Annotated[Float, "Measured electrical input, shape (N, n). [W]"]
+    meters: Annotated[
+        tuple[MeterBlock | None, ...], "Readings of each recording's power meter, None without one."
+    ]
+    limits: Annotated[tuple[MeterLimits, ...], "What the user says of the readings of each."]
+    braking: Annotated[
+        NDArray[np.bool_], "Where the supply does not pass on what the drives draw, shape (N,)."
+    ]
+    torque_share: Annotated[
+        Float,
+        "Part of the motor torque that is off by the error of its torque constant, shape (N, "
+        "n); the rest comes from bodies that are given. [N m]",
+    ]
     sensors: SensorLimits = DEFAULT_LIMITS
-    viscous_off: Float | None = None
-    fan_power: Float | None = None
+    viscous_off: Annotated[
+        Float | None,
+        "Power by which the viscous friction in use is off at one deviation of its law, shape "
+        "(N, n); None where the torque is measured. [W]",
+    ] = None
+    fan_power: Annotated[
+        Float | None, "Of the fan of the model, shape (N,); None without one. [W]"
+    ] = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)

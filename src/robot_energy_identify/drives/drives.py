@@ -8,7 +8,7 @@ the drives of the power integrated over the held-out time, braking negative (pap
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -52,23 +52,16 @@ INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
 MIN_HELD_OUT = 50
 
 
-@dataclass(frozen=True)
-class AxisSamples:
-    """What was measured of one drive, motor side.
+class AxisSamples(Described):
+    """What was measured of one drive, motor side."""
 
-    Attributes:
-        motor_velocity: Shape (N,). [rad/s]
-        motor_torque: Shape (N,). [N m]
-        motor_temperature_degc: Of the winding, shape (N,). [degC]
-        drive_power: Electrical input, shape (N,). [W]
-        window: Number of the 0.1 s that each lies in, over which noise is averaged, shape (N,).
-    """
-
-    motor_velocity: Float
-    motor_torque: Float
-    motor_temperature_degc: Float
-    drive_power: Float
-    window: Int
+    motor_velocity: Annotated[Float, "Shape (N,). [rad/s]"]
+    motor_torque: Annotated[Float, "Shape (N,). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Of the winding, shape (N,). [degC]"]
+    drive_power: Annotated[Float, "Electrical input, shape (N,). [W]"]
+    window: Annotated[
+        Int, "Number of the 0.1 s that each lies in, over which noise is averaged, shape (N,)."
+    ]
 
 
 class AxisFit(Described):

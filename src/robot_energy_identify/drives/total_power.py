@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import combinations
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
@@ -54,31 +55,30 @@ NO_BETTER = PositiveFigure(
 )
 
 
-@dataclass(frozen=True)
-class TotalFit:
-    """Losses behind the readings of one meter.
-
-    Attributes:
-        constant: C. [W]
-        constant_std: [W]
-        losses: The regression behind it; its columns are named by joint and term.
-        coefficients: Copper, linear and quadratic coefficient of every joint, shape (3, n).
-        deviations: Standard deviations of them; NaN where not determined, shape (3, n).
-        errors: RMS on blocks not seen, of every structure that was tried. [W]
-        spread: Coefficients per parameter of the regression, shape (3, n, P).
-        predicted: Readings of each of five contiguous folds by every structure, fitted to the
-            others, shape (K,). [W]
-    """
+class TotalFit(Described):
+    """Losses behind the readings of one meter."""
 
     structure: Structure
-    constant: float
-    constant_std: float
-    losses: Losses
-    coefficients: Float
-    deviations: Float
-    errors: dict[Structure, float]
-    spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
-    predicted: dict[Structure, Float] = field(default_factory=dict[Structure, Float], repr=False)
+    constant: Annotated[float, "C. [W]"]
+    constant_std: Annotated[float, "[W]"]
+    losses: Annotated[Losses, "The regression behind it; its columns are named by joint and term."]
+    coefficients: Annotated[
+        Float, "Copper, linear and quadratic coefficient of every joint, shape (3, n)."
+    ]
+    deviations: Annotated[
+        Float, "Standard deviations of them; NaN where not determined, shape (3, n)."
+    ]
+    errors: Annotated[
+        dict[Structure, float], "RMS on blocks not seen, of every structure that was tried. [W]"
+    ]
+    spread: Annotated[Float, "Coefficients per parameter of the regression, shape (3, n, P)."] = (
+        field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
+    )
+    predicted: Annotated[
+        dict[Structure, Float],
+        "Readings of each of five contiguous folds by every structure, fitted to the others, "
+        "shape (K,). [W]",
+    ] = field(default_factory=dict[Structure, Float], repr=False)
 
 
 @one_thread
