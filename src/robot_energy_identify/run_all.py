@@ -175,7 +175,7 @@ def _made(
     source: str,
     strict: bool,
 ) -> Step:
-    """A step, or one left out with its reason; arguments as in `identify_everything`."""
+    """A step, or one left out with its reason."""
     try:
         return make(bags, model, source)
     except (NotIdentifiableError, ImplausibleIdentificationError) as error:

@@ -218,7 +218,7 @@ def _over_temperature(axis: FrictionData) -> FrictionFit | None:
 
 
 def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bool = False) -> Step:
-    """Return the friction over temperature of every axis; arguments as in `drives_step`.
+    """Return the friction over temperature of every axis.
 
     With ``share`` axes of too small a range borrow the temperature shape of others.
     """
@@ -244,7 +244,7 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
 def constants_step(
     bags: Sequence[Bag], model: RobotModel, source: str, without_fan: str = ""
 ) -> Step:
-    """Return the constants of the cabinet and its fan; arguments as in `drives_step`.
+    """Return the constants of the cabinet and its fan.
 
     Args:
         without_fan: Why no fan is looked for; empty if one is.

@@ -280,13 +280,10 @@ def write_bag(
     overwrite: bool = False,
     origin: str = "",
 ) -> ImportReport:
-    """Write blocks of a log into a new bag; nothing is left behind if that fails.
+    """Return what was written of a log into a new bag; nothing is left behind if that fails.
 
     Args:
         origin: Where the recording comes from, in words, noted with the bag.
-
-    Returns:
-        What was written.
     """
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)

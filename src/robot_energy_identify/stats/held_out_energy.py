@@ -94,7 +94,7 @@ class Tested(Described):
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Return the same of shaft energy, NaN without torque; argument as in `Tested.error`."""
+        """Return the same of shaft energy, NaN without torque."""
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
@@ -144,17 +144,11 @@ class HeldOutEnergy(Described):
         return max(self.judged, key=lambda entry: abs(entry.error(last)), default=None)
 
     def mean_rms(self, stage: str, entries: Sequence[Tested]) -> float:
-        """Return the mean RMS error of power from reading to reading. [W]
-
-        Arguments as in `HeldOutEnergy.mean_error`.
-        """
+        """Return the mean RMS error of power from reading to reading. [W]"""
         return float(np.mean([entry.predictions[stage].rms for entry in entries]))
 
     def torque_error(self, stage: str) -> float:
-        """Return the mean error of the motor torque over its size. [-]
-
-        Argument as in `HeldOutEnergy.mean_error`.
-        """
+        """Return the mean error of the motor torque over its size. [-]"""
         return float(np.mean([part.predictions[stage].torque_error for part in self.with_torque]))
 
     @property
