@@ -38,6 +38,7 @@ from robot_energy_rig.record import record
 BODY = "kr16"
 AMBIENT = 22.0  # degC
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the errors, for `score_quantiles`
+LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 SEEDS = 100  # of motions, for each plant
 MEAN = 1.0  # of the powers without a meter that are compared [s]
 
