@@ -1,13 +1,12 @@
-"""The thermal observer on the virtual rig with its sensors hidden, and on a real log.
+"""The thermal observer on the virtual rig with its sensors hidden.
 
-Rig: plants drawn at random; friction over temperature and the thermal networks are identified
+Plants drawn at random; friction over temperature and the thermal networks are identified
 from one run, and another program at another ambient is replayed with the temperature sensors and
 without them. The time of the temperatures runs four times as fast as that of the motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -15,9 +14,7 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel, load
-from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,
@@ -33,14 +30,10 @@ from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.friction.friction import fit_axes, with_friction
 from robot_energy_identify.friction.samples import friction_data
 from robot_energy_identify.thermal.network import (
-    ambient_of,
-    fit_network,
     fit_networks,
-    free_run,
     with_networks,
 )
-from robot_energy_identify.thermal.windows import runs_of_log, runs_of_recordings, without_networks
-from robot_energy_logs.recording import LogBlock
+from robot_energy_identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy_rig.record import ORIGIN, outputs
@@ -81,14 +74,6 @@ class HiddenPlant(Described):
         float, "The same with the fallback temperature instead of the estimate. [-]"
     ]
     refused: Annotated[tuple[str, ...], "Why joints have no network, one sentence each."] = ()
-
-
-class FreeRun(Described):
-    """One motor of a log: fitted on one run, run freely over another."""
-
-    name: str
-    rms: Annotated[float, "Of the free run. [K]"]
-    held_rms: Annotated[float, "With the first reading held. [K]"]
 
 
 @dataclass(frozen=True)
@@ -135,28 +120,6 @@ def hidden_sensors(body: str, seed: int) -> HiddenPlant:
         (held - with_sensors) / energy,
         tuple(refused),
     )
-
-
-def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
-    """Return errors of every motor of a log, fitted on its first run, over its last one.
-
-    Of that the fit has seen nothing but the first reading.
-    """
-    found: list[FreeRun] = []
-    runs = [runs_of_log([rows], joint) for joint in range(len(names))]
-    ambient = ambient_of([motor[:1] for motor in runs])
-    for name, motor in zip(names, runs, strict=True):
-        if len(motor) < 2:
-            raise NotIdentifiableError(f"the log has {len(motor)} runs of {name}", "two")
-        fit = fit_network(name, motor[:1], ambient)
-        last = motor[-1]
-        measured = last.motor_temperature_degc
-        known = np.isfinite(measured)
-        off = free_run(MotorHeat.of([fit.network]), last, ambient) - measured
-        held = last.start_degc - measured
-        rms = (float(np.sqrt(np.mean(part[known] ** 2))) for part in (off, held))
-        found.append(FreeRun(name, *rms))
-    return found
 
 
 def _program(profile: PlantProfile, seed: int, number: int, override: float) -> Program:
@@ -231,8 +194,3 @@ def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotMode
     temperature = model.temperature.model_copy(update={"fallback_degc": ambient})
     model = with_networks(model.changed(temperature=temperature), networks, ambient)
     return model, [*refused, *without]
-
-
-def study(plants: int) -> list[HiddenPlant]:
-    """Return the errors without sensors of some plants, of the robots in turn."""
-    return [hidden_sensors(ROBOTS[number % len(ROBOTS)], number) for number in range(plants)]
