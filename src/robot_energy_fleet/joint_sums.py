@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from robot_energy.condition.buckets import shares
+from robot_energy.condition.joint_friction import shares
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import payload

@@ -12,14 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.condition.buckets import SPEED_BUCKETS
-from robot_energy.condition.programs import OWN, columns
+from robot_energy.condition.joint_friction import SPEED_BUCKETS
 from robot_energy.condition.record import ContrastEntry, filled, flat
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
+    OWN,
     RECORD_TIME,
     WearRecord,
+    columns,
 )
 from robot_energy.timeline.blocks import Float
 

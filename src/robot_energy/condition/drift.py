@@ -28,9 +28,15 @@ from math import erfc, exp, inf, sqrt
 import numpy as np
 
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts, correlated, scatter
-from robot_energy.condition.programs import OWN, ProgramTable, columns
 from robot_energy.condition.record import STRICT, Number, Stamp
-from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
+from robot_energy.condition.wear_records import (
+    DIGITS,
+    OWN,
+    RECORD_TIME,
+    ProgramTable,
+    WearRecord,
+    columns,
+)
 from robot_energy.timeline.blocks import Float
 
 WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.016)  # of no known cause; the likeliest counts [-]

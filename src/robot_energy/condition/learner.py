@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
-from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
-from robot_energy.condition.meter_fit import MeterFit
-from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, interpolated
+from robot_energy.condition.meter_fit import METER_WAIT, MeterFit, MeterWindows, Window
 from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import WearMonitor, WearState

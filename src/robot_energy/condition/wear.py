@@ -11,7 +11,6 @@ from pydantic import PlainSerializer
 from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
-from robot_energy.condition.programs import KnownProgram, ProgramTable
 from robot_energy.condition.record import (
     ConditionPart,
     ContrastEntry,
@@ -20,7 +19,14 @@ from robot_energy.condition.record import (
     Stamp,
     filled,
 )
-from robot_energy.condition.wear_records import FEATURES, MeterGatherer, MotionGatherer, WearRecord
+from robot_energy.condition.wear_records import (
+    FEATURES,
+    KnownProgram,
+    MeterGatherer,
+    MotionGatherer,
+    ProgramTable,
+    WearRecord,
+)
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.time_zone import local_time
 

@@ -20,13 +20,16 @@ from robot_energy.physics.friction import FrictionModel, with_fixed_friction
 from robot_energy.pipeline import Output
 from robot_energy.replay import bag_replay
 from robot_energy.replay.bag_replay import Replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
 from robot_energy.replay.power_table import power_table
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.condition import ConditionReport, condition_report
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
-from robot_energy.results.replay import ReplayReport, replay_report
+from robot_energy.results.replay import (
+    ConditionReport,
+    ReplayReport,
+    condition_report,
+    replay_report,
+)
 from robot_energy.timeline.blocks import PowerBlock
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.time_series import TimeSeries
