@@ -16,11 +16,13 @@ weights sum to one, so that no sum jumps where a motor crosses an edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.condition.record import FrictionRecord, filled, flat
+from robot_energy.foundation.described import Described
 from robot_energy.physics.drivetrain import ABOVE_STANDSTILL
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
@@ -103,25 +105,21 @@ SHRINK_TIME = 10.0  # a bucket with this time lies half way to the joint's mean 
 GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows in a register
 
 
-@dataclass(frozen=True)
-class MotionSums:
-    """What one part of the samples says of each joint, forward and backward.
-
-    Attributes:
-        model: Sum of the model's friction torque times the sample period, by bucket of speed,
-            shape (2, n, SPEED_BUCKETS). [N m s]
-        measured: The same of the measured friction torque. [N m s]
-        time: Time in motion, same shape. [s]
-        load: Sum of the amount of the rigid torque times the period, shape (2, n). [N m s]
-        degc: Mean temperature, shape (n,). [degC]
-    """
+class MotionSums(Described):
+    """What one part of the samples says of each joint, forward and backward."""
 
     stamp_ns: int
-    model: Float
-    measured: Float
-    time: Float
-    load: Float
-    degc: Float
+    model: Annotated[
+        Float,
+        "Sum of the model's friction torque times the sample period, by bucket of speed, shape "
+        "(2, n, SPEED_BUCKETS). [N m s]",
+    ]
+    measured: Annotated[Float, "The same of the measured friction torque. [N m s]"]
+    time: Annotated[Float, "Time in motion, same shape. [s]"]
+    load: Annotated[
+        Float, "Sum of the amount of the rigid torque times the period, shape (2, n). [N m s]"
+    ]
+    degc: Annotated[Float, "Mean temperature, shape (n,). [degC]"]
 
     @property
     def ratio(self) -> Float:

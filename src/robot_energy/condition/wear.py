@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import PlainSerializer
@@ -27,6 +27,7 @@ from robot_energy.condition.wear_records import (
     ProgramTable,
     WearRecord,
 )
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.time_zone import local_time
 
@@ -34,15 +35,10 @@ WHOLE_ROBOT = ""  # name of what one power meter sees
 MAX_SURE = 0.9999  # more is not claimed
 
 
-@dataclass(frozen=True)
-class WearAlarm:
-    """A lasting change of friction.
+class WearAlarm(Described):
+    """A lasting change of friction."""
 
-    Attributes:
-        joint: Its name; empty for the whole robot, as one power meter sees it.
-    """
-
-    joint: str
+    joint: Annotated[str, "Its name; empty for the whole robot, as one power meter sees it."]
     drift: Drift
 
     @property
