@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.condition.joint_friction import DEGC_STEP, SPEED_BUCKETS, MotionSums, shares
 from robot_energy.condition.record import STRICT, Number, Numbers, Stamp
 from robot_energy.timeline.blocks import NANOSECOND, Float

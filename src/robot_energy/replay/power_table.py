@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
-from robot_energy.certainty.band import power_std
+from robot_energy.certainty.deviation import power_std
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,

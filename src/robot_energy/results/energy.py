@@ -7,8 +7,7 @@ from typing import Annotated, Any
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.certainty.band import Z90, energy_std, energy_variances
-from robot_energy.certainty.deviation import names_of
+from robot_energy.certainty.deviation import Z90, energy_std, energy_variances, names_of
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
 from robot_energy.pipeline.work_sums import WorkSums

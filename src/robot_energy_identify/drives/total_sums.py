@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.stats.cross_validation import averaged
@@ -175,9 +175,9 @@ def joined(
     Raises:
         NotIdentifiableError: If there are too few pieces.
     """
-    pieces = CoveredPieces.empty()
+    pieces = NO_PIECES
     for part, _, _ in parts:
-        pieces = pieces.join(part)
+        pieces = CoveredPieces.concatenate([pieces, part])
     if len(pieces) < MIN_READINGS:
         raise NotIdentifiableError(
             f"{len(pieces)} readings of the meter lie inside the samples of {of}",
