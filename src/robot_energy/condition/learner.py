@@ -218,8 +218,8 @@ class ConditionLearner:
             model_id=self._model.model_id,
             joint_names=tuple(self._model.joint_names),
             end_ns=self.end_ns,
-            friction=self.friction.state(),
-            meter=self.meter.state(),
+            friction=FrictionRecord.of(self.friction),
+            meter=MeterRecord.of(self.meter),
             wear=self.wear.state(),
         )
 
@@ -230,8 +230,8 @@ class ConditionLearner:
             raise StateFileError(
                 f"learned figures of model {record.model_id}", f"model {model.model_id}"
             )
-        self.friction.restore(record.friction)
-        self.meter.restore(record.meter)
+        record.friction.put_into(self.friction)
+        record.meter.put_into(self.meter)
         self.wear.restore(record.wear)
         self.end_ns = record.end_ns
         self._taught = (self.friction.table(), self.friction.valid)

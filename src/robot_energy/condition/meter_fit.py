@@ -18,7 +18,6 @@ import numpy as np
 
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.condition.joint_friction import BOUNDS, GRID
-from robot_energy.condition.record import MeterRecord, filled, flat
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
@@ -86,26 +85,6 @@ class MeterFit:
         self.scale += fading * (min(surprise, 2 * reach) - self.scale)
         self.time += duration
         self.windows += 1
-
-    def state(self) -> MeterRecord:
-        """Return what must be kept across a restart."""
-        return MeterRecord(
-            information=flat(self.information),
-            target=flat(self.target),
-            power_watt=self.power,
-            scale=self.scale,
-            time_second=self.time,
-            windows=self.windows,
-            refused=self.refused,
-        )
-
-    def restore(self, record: MeterRecord) -> None:
-        """Continue from a record."""
-        self.information = filled(record.information, self.information)
-        self.target = filled(record.target, self.target)
-        self.power, self.scale = record.power_watt, record.scale
-        self.time = record.time_second
-        self.windows, self.refused = record.windows, record.refused
 
     def _solution(self) -> Float:
         return np.linalg.solve(self.information + self._prior(), self.target)

@@ -152,7 +152,7 @@ class WearMonitor:
                 DriftRecord(
                     records=tuple(test.records),
                     changes=tuple(test.changes),
-                    contrasts=test.contrasts.state(),
+                    contrasts=ContrastEntry.of(test.contrasts),
                     programs=tuple(test.programs.known),
                 )
                 for test in (*self.joints, self.robot)
