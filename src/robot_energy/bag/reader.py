@@ -175,12 +175,14 @@ class BagReader:
         Args:
             spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
         """
-        wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
-        return self._parts(wanted, spans or {})
-
-    def _parts(
-        self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
-    ) -> Iterator[dict[str, RawBatch]]:
+        wanted: dict[str, str] = {}
+        for name in topics:
+            if name not in self.topics:
+                raise MissingTopicError(
+                    f"{self.path} has no {name}", f"one of {', '.join(self.topics) or 'none'}"
+                )
+            wanted[name] = self.require(name, self.topics[name].msgtype).msgtype
+        spans = spans or {}
         if not self._scattered or len(wanted) < 2:
             return self._in_file_order(wanted, spans)
         if not all(rises(self._one(topic, kind, spans)) for topic, kind in wanted.items()):
@@ -202,14 +204,6 @@ class BagReader:
                 }
                 if within:
                     yield within
-
-    def _readable(self, topic: str) -> TopicInfo:
-        info = self.topics.get(topic)
-        if info is None:
-            raise MissingTopicError(
-                f"{self.path} has no {topic}", f"one of {', '.join(self.topics) or 'none'}"
-            )
-        return self.require(topic, info.msgtype)
 
     def _report(self, sentence: str) -> None:
         if len(self.problems) <= MAX_PROBLEMS and sentence not in self.problems:
