@@ -23,9 +23,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from robot_energy.certainty.figure_deviations import (
     FigureDeviations,
 )
 from robot_energy.certainty.priors import figure_std, relative_std
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import tag_of
@@ -268,17 +269,11 @@ class BandKind(IntEnum):
     """These, scaled so that 90 % of what the meter measured lay within."""
 
 
-@dataclass(frozen=True)
-class EnergyBand:
-    """How sure a predicted energy is.
+class EnergyBand(Described):
+    """How sure a predicted energy is."""
 
-    Attributes:
-        std: Standard deviation from the figures of the model. [J]
-        half: Half width of the 90 % band. [J]
-    """
-
-    std: float
-    half: float
+    std: Annotated[float, "Standard deviation from the figures of the model. [J]"]
+    half: Annotated[float, "Half width of the 90 % band. [J]"]
     kind: BandKind
 
 

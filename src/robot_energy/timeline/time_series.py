@@ -9,14 +9,15 @@ import csv
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from difflib import get_close_matches
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ColumnError, ShapeError
 from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.foundation.shown import Shown
@@ -25,23 +26,18 @@ from robot_energy.foundation.units import SECOND_NS
 Column = NDArray[Any]
 
 
-@dataclass(frozen=True)
-class TimeSeries(Shown):
-    """Columns over one axis of time.
+class TimeSeries(Described, Shown):
+    """Columns over one axis of time."""
 
-    Attributes:
-        stamp_ns: Rising, shape (W,). [ns since 1970]
-        columns: Values by name, each of shape (W,).
-        joint_columns: Values per joint by name, each of shape (W, n).
-        joint_names: The n joints, in their order.
-        units: Unit of each column by its name; empty for a number without unit.
-    """
-
-    stamp_ns: NDArray[np.int64]
-    columns: Mapping[str, Column]
-    joint_columns: Mapping[str, Column] = field(default_factory=dict[str, Column])
-    joint_names: tuple[str, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    stamp_ns: Annotated[NDArray[np.int64], "Rising, shape (W,). [ns since 1970]"]
+    columns: Annotated[Mapping[str, Column], "Values by name, each of shape (W,)."]
+    joint_columns: Annotated[
+        Mapping[str, Column], "Values per joint by name, each of shape (W, n)."
+    ] = field(default_factory=dict[str, Column])
+    joint_names: Annotated[tuple[str, ...], "The n joints, in their order."] = ()
+    units: Annotated[
+        Mapping[str, str], "Unit of each column by its name; empty for a number without unit."
+    ] = field(default_factory=dict[str, str])
 
     def __post_init__(self) -> None:
         for name, values in self.columns.items():
