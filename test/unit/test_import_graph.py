@@ -165,7 +165,7 @@ MODULES = {
         text_table ur_rtde
     """,
     "robot_energy_papers": """
-        boat calibration drawings drive_study experiment held_out job_pool machines mantis
+        calibration drawings drive_study experiment held_out job_pool machines mantis
         map_sensitivity models pages paper_a paper_a_page paper_b paper_b_page sensitivity
         soaked_rigs wall wall_sensitivity
     """,
@@ -185,7 +185,7 @@ MODULES = {
     """,
     "robot_energy_plan.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures plan
-        program_form ptp_form rest_states search task time_law timed_moves trajectory_form
+        program_form rest_states search task time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         common_supply optimization prediction shared_bus
@@ -207,9 +207,8 @@ MODULES = {
         config output plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
-        generated_fleet independent independent_page interval_coverage judged_savings
-        learning_study left_out savings savings_page savings_study thermal_study wear_shift
+        band_coverage certainty ecbot generated_fleet independent interval_coverage judged_savings
+        learning_study savings savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots

@@ -99,20 +99,14 @@ class BagSource:
         return found
 
     def friction_data(self, model: RobotModel) -> list[FrictionData]:
-        """Return what is needed to identify friction, one entry per joint.
-
-        Argument as in `BagSource.recordings`.
-        """
+        """Return what is needed to identify friction, one entry per joint."""
         from robot_energy_identify.friction.samples import friction_data
 
         recordings = self.with_effort(model)
         return [friction_data(recordings, joint) for joint in range(len(model.joints))]
 
     def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
-        """Return evenly sampled motion and torque of each recording by its name.
-
-        Argument as in `BagSource.recordings`.
-        """
+        """Return evenly sampled motion and torque of each recording by its name."""
         found = self._channels(model)
         give_back_freed_memory()  # of the recordings, which take more than their motion
         return found

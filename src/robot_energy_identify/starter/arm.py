@@ -79,11 +79,7 @@ def scaled_joints(
 
 
 def taken_limits(joints: Sequence[ArmJoint]) -> list[str]:
-    """Name the limits that are not those of the URDF, with what was taken.
-
-    Returns:
-        One sentence for each reason.
-    """
+    """Return one sentence for each reason to take another limit than the URDF has."""
     found: dict[tuple[str, str, str], list[tuple[str, float]]] = {}
     for joint in joints:
         effort_unit, speed_unit = joint.units
