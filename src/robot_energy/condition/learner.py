@@ -47,18 +47,14 @@ STUCK = np.uint32(Quality.TEMPERATURE_STUCK)  # what warms unseen would be taken
 
 
 class ConditionRecord(ConditionPart):
-    """What was learned of one robot with one model file.
-
-    Attributes:
-        wear: Records of friction, and the changes found in them.
-    """
+    """What was learned of one robot with one model file."""
 
     model_id: str
     joint_names: tuple[str, ...]
     end_ns: Stamp | None
     friction: FrictionRecord
     meter: MeterRecord
-    wear: WearState
+    wear: Annotated[WearState, "Records of friction, and the changes found in them."]
 
 
 class _InUse(Described):

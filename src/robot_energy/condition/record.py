@@ -115,17 +115,16 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
 
 
 class ThermalRecord(ConditionPart):
-    """Estimated motor temperatures of one robot with one model file.
-
-    Attributes:
-        end_ns: End of the newest window that was taken. [ns]
-        state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat,
-            gear [degC].
-        begun: Of every motor, whether the temperature of its gear is known.
-    """
+    """Estimated motor temperatures of one robot with one model file."""
 
     model_id: str
-    end_ns: Stamp
-    state: Numbers
+    end_ns: Annotated[Stamp, "End of the newest window that was taken. [ns]"]
+    state: Annotated[
+        Numbers,
+        "Of every motor, flattened: motor, structure and ambient [degC], factor on the heat, "
+        "gear [degC].",
+    ]
     covariance: Numbers
-    begun: tuple[bool, ...]
+    begun: Annotated[
+        tuple[bool, ...], "Of every motor, whether the temperature of its gear is known."
+    ]
