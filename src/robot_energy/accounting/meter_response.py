@@ -20,6 +20,7 @@ from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +41,13 @@ SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
 
 @dataclass(frozen=True)
 class MeterResponse:
-    """How late a meter shows what is drawn.
+    """How late a meter shows what is drawn."""
 
-    Attributes:
-        time_constant: Of its low pass. [s]
-        delay: Of its readings behind the power. [s]
-        stated: Whether the model states it; else the monitor finds it from the readings.
-    """
-
-    time_constant: float = 0.0
-    delay: float = 0.0
-    stated: bool = False
+    time_constant: Annotated[float, "Of its low pass. [s]"] = 0.0
+    delay: Annotated[float, "Of its readings behind the power. [s]"] = 0.0
+    stated: Annotated[
+        bool, "Whether the model states it; else the monitor finds it from the readings."
+    ] = False
 
     @property
     def sentence(self) -> str:

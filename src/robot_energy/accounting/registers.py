@@ -8,7 +8,7 @@ held for 10 ms each and added when these have passed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,15 +129,10 @@ def _total(durations: Int) -> int:
 
 @dataclass(frozen=True)
 class SampleIntervals:
-    """The intervals that end at the samples of a block.
+    """The intervals that end at the samples of a block."""
 
-    Attributes:
-        duration_ns: Shape (N,); 0 where the interval is a gap or a jump. [ns]
-        energy: Energy of each interval, 0 across gaps, shape (N, R). [J]
-    """
-
-    duration_ns: Int
-    energy: Float
+    duration_ns: Annotated[Int, "Shape (N,); 0 where the interval is a gap or a jump. [ns]"]
+    energy: Annotated[Float, "Energy of each interval, 0 across gaps, shape (N, R). [J]"]
 
 
 @dataclass(frozen=True)

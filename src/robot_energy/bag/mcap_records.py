@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from struct import Struct, unpack_from
 from struct import error as struct_error
-from typing import Any, BinaryIO, cast
+from typing import Annotated, Any, BinaryIO, cast
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
@@ -243,17 +243,15 @@ class Summary:
 
 @dataclass(slots=True)
 class Closing:
-    """The end of a file.
+    """The end of a file."""
 
-    Attributes:
-        footer: First byte of the closing record; None if there is none.
-        data_end: First byte after the data; None if the file does not say.
-        summary: The summary; None if there is none or it cannot be used.
-    """
-
-    footer: int | None = None
-    data_end: int | None = None
-    summary: Summary | None = None
+    footer: Annotated[int | None, "First byte of the closing record; None if there is none."] = None
+    data_end: Annotated[int | None, "First byte after the data; None if the file does not say."] = (
+        None
+    )
+    summary: Annotated[
+        Summary | None, "The summary; None if there is none or it cannot be used."
+    ] = None
 
 
 def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Closing:

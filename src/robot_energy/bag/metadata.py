@@ -9,7 +9,7 @@ import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from robot_energy.foundation.config_file import MAX_BYTES, parse_yaml
 from robot_energy.foundation.errors import BagError
@@ -67,16 +67,13 @@ _FOREVER = "\n    sec: 9223372036\n    nsec: 854775807"
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service a topic was published with.
-
-    Attributes:
-        latched: Whether late subscribers get the last messages (transient local).
-        depth: Length of the publisher's queue. [messages]
-    """
+    """Quality of service a topic was published with."""
 
     reliable: bool = True
-    latched: bool = False
-    depth: int = 10
+    latched: Annotated[
+        bool, "Whether late subscribers get the last messages (transient local)."
+    ] = False
+    depth: Annotated[int, "Length of the publisher's queue. [messages]"] = 10
 
 
 DEFAULT_QOS = Qos()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
@@ -25,17 +26,11 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Attributes:
-        msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        message_count: Number of messages; None if the bag does not say.
-        encoding: How messages are serialized; only ``cdr`` can be read.
-    """
-
-    msgtype: str
-    message_count: int | None
-    encoding: str = "cdr"
+    msgtype: Annotated[str, "Message type, such as ``sensor_msgs/msg/JointState``."]
+    message_count: Annotated[int | None, "Number of messages; None if the bag does not say."]
+    encoding: Annotated[str, "How messages are serialized; only ``cdr`` can be read."] = "cdr"
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ from that, and the meter says the offset alone.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -136,18 +136,12 @@ KEPT_NS = 120_000_000_000  # of predicted energies, behind the newest sample
 
 
 class Window(NamedTuple):
-    """Energies over one window.
-
-    Attributes:
-        duration: Of its pieces. [s]
-        measured: By the meter. [J]
-        energies: Predicted ones, in the order they were given, shape (E,). [J]
-    """
+    """Energies over one window."""
 
     stamp_ns: int
-    duration: float
-    measured: float
-    energies: Float
+    duration: Annotated[float, "Of its pieces. [s]"]
+    measured: Annotated[float, "By the meter. [J]"]
+    energies: Annotated[Float, "Predicted ones, in the order they were given, shape (E,). [J]"]
 
 
 class MeterWindows:

@@ -325,19 +325,15 @@ MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longes
 
 @dataclass
 class KnownProgram:
-    """A program that was seen.
-
-    Attributes:
-        work: That of its first record. [-]
-        loads: Load, difference and scatter of its first record; its level is at these. [-]
-        hours: Hours of motion when it was last seen. [h]
-    """
+    """A program that was seen."""
 
     __pydantic_config__ = STRICT  # it is kept as it is
 
-    work: Numbers
-    loads: Numbers
-    hours: Number
+    work: Annotated[Numbers, "That of its first record. [-]"]
+    loads: Annotated[
+        Numbers, "Load, difference and scatter of its first record; its level is at these. [-]"
+    ]
+    hours: Annotated[Number, "Hours of motion when it was last seen. [h]"]
 
 
 class ProgramTable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,16 +49,13 @@ SetPayload = Callable[[Payload, int | None], "PayloadChange"]
 
 @dataclass(frozen=True)
 class SetPayloadAnswer:
-    """What to answer, and what to publish.
-
-    Attributes:
-        message: What was accepted, or why not.
-        change: The change; None if it was refused, and the old payload stays.
-    """
+    """What to answer, and what to publish."""
 
     success: bool
-    message: str
-    change: PayloadChange | None = None
+    message: Annotated[str, "What was accepted, or why not."]
+    change: Annotated[
+        PayloadChange | None, "The change; None if it was refused, and the old payload stays."
+    ] = None
 
     @property
     def from_ns(self) -> int:

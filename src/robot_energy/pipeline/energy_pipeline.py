@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
@@ -28,23 +29,14 @@ TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at le
 
 @dataclass(frozen=True)
 class Output:
-    """What one step of the pipeline gave; None where nothing was complete.
+    """What one step of the pipeline gave; None where nothing was complete."""
 
-    Attributes:
-        torque: Rigid-body torques.
-        friction: New friction coefficients.
-        power: Power samples.
-        means: Ended averaging periods.
-        meter: Meter readings, as they were taken in.
-        temperatures: Motor temperatures, likewise.
-    """
-
-    torque: TorqueBlock | None = None
-    friction: FrictionBlock | None = None
-    power: PowerBlock | None = None
-    means: MeanBlock | None = None
-    meter: MeterBlock | None = None
-    temperatures: TemperatureBlock | None = None
+    torque: Annotated[TorqueBlock | None, "Rigid-body torques."] = None
+    friction: Annotated[FrictionBlock | None, "New friction coefficients."] = None
+    power: Annotated[PowerBlock | None, "Power samples."] = None
+    means: Annotated[MeanBlock | None, "Ended averaging periods."] = None
+    meter: Annotated[MeterBlock | None, "Meter readings, as they were taken in."] = None
+    temperatures: Annotated[TemperatureBlock | None, "Motor temperatures, likewise."] = None
 
 
 class EnergyPipeline:

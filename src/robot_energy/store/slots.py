@@ -23,7 +23,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.files.placement import sync_folder
@@ -123,15 +123,10 @@ MAX_ASIDE = 20  # damaged files kept next to the slots
 
 @dataclass(frozen=True)
 class Stored(Generic[T]):
-    """What was found in a folder.
+    """What was found in a folder."""
 
-    Attributes:
-        value: The newest state, or None where there is none.
-        sequence: Its number; 0 where there is none.
-    """
-
-    value: T | None
-    sequence: int
+    value: Annotated[T | None, "The newest state, or None where there is none."]
+    sequence: Annotated[int, "Its number; 0 where there is none."]
     notices: tuple[str, ...]
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import Annotated, Generic
 
 import numpy as np
 
@@ -87,15 +87,13 @@ class EpochRun:
 
 @dataclass(frozen=True)
 class Sorted:
-    """What became of messages. Rows count those that were held first, then those given.
-
-    Attributes:
-        held: Rows that wait for later messages; the caller puts them before the next ones.
-    """
+    """What became of messages. Rows count those that were held first, then those given."""
 
     runs: list[EpochRun]
     strays: list[int] = field(default_factory=list[int])
-    held: list[int] = field(default_factory=list[int])
+    held: Annotated[
+        list[int], "Rows that wait for later messages; the caller puts them before the next ones."
+    ] = field(default_factory=list[int])
 
 
 class EpochSplitter:
