@@ -74,8 +74,7 @@ class TimeRange(Described):
 MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""
 
-MAX_PROBLEMS = 100
-"""Sentences about what is wrong that are kept."""
+MAX_PROBLEMS = 100  # sentences about what is wrong that are kept
 _COMPARED = 2**16
 _BY_HAND = "save the values as CSV, and import that with `robot-energy import table`"
 CONVERSIONS = {

@@ -253,13 +253,10 @@ class MeterGatherer:
     Over a record the residual is a line in friction power: its slope is how far friction lies
     above the model's, whatever the constant losses do meanwhile. Windows are gathered until it is
     known well enough.
-
-    Attributes:
-        hours: Time of all windows so far. [h]
     """
 
     def __init__(self) -> None:
-        self.hours = 0.0
+        self.hours = 0.0  # time of all windows so far [h]
         self._rows: list[tuple[float, float, float, float, int]] = []
 
     def step(
