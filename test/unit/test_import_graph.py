@@ -85,7 +85,7 @@ MODULES = {
         auxiliary base energy replay
     """,
     "robot_energy.store": """
-        account_store condition_store slot_store slots
+        account_store condition_store slots
     """,
     "robot_energy.timeline": """
         blocks pieces stamps streams time_series
