@@ -9,7 +9,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from importlib import import_module
 from typing import Annotated, Any
@@ -17,7 +17,6 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ColumnError, ShapeError
 from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.foundation.shown import Shown
@@ -26,7 +25,8 @@ from robot_energy.foundation.units import SECOND_NS
 Column = NDArray[Any]
 
 
-class TimeSeries(Described, Shown):
+@dataclass(frozen=True)
+class TimeSeries(Shown):
     """Columns over one axis of time."""
 
     stamp_ns: Annotated[NDArray[np.int64], "Rising, shape (W,). [ns since 1970]"]
