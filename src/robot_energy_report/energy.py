@@ -9,7 +9,7 @@ from dataclasses import fields
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
-from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_report.document import Column, Document, FlowDiagram
 from robot_energy_report.formats import (
@@ -157,7 +157,12 @@ class EnergySections:
         """Add how sure the energy is, and what to measure next to make it more so."""
         sure = self._report.uncertainty
         shown = [one for one in sure.contributions if (one.share or 0.0) >= MIN_SHARE]
-        self._page.paragraph(f"How sure: {energy_text(self._report.energy.net)} {_band_text(sure)}")
+        half = energy_text(0.5 * (sure.upper - sure.lower))
+        relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
+        self._page.paragraph(
+            f"How sure: {energy_text(self._report.energy.net)} +- {half}{relative}, 90 % band "
+            f"{BANDS[sure.band]}"
+        )
         if sure.readings:
             self._page.paragraph(
                 f"  {percent(sure.inside)} of {sure.readings} meter readings lay in the 90 % band "
@@ -253,12 +258,6 @@ class EnergySections:
                     for name, count in quality.counts.items()
                 ],
             )
-
-
-def _band_text(sure: EnergyUncertainty) -> str:
-    half = 0.5 * (sure.upper - sure.lower)
-    relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
-    return f"+- {energy_text(half)}{relative}, 90 % band {BANDS[sure.band]}"
 
 
 def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:

@@ -328,7 +328,7 @@ def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> No
     page.rows(
         "Inputs",
         [
-            Column("", lambda entry: _input_name(entry[0])),
+            Column("", 0),
             Column("received", lambda entry: entry[1].received),
             Column("accepted", lambda entry: entry[1].accepted),
             Column(
@@ -341,7 +341,11 @@ def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> No
                 ),
             ),
         ],
-        [(name, account) for name, account in report.inputs.items() if account.received],
+        [  # such as ``pump, meter`` for ``pump_meter_messages``
+            (INPUT_NAMES.get(key) or ", ".join(key.removesuffix("_messages").rsplit("_", 1)), one)
+            for key, one in report.inputs.items()
+            if one.received
+        ],
     )
     EnergySections(page, report).quality()
 
@@ -361,9 +365,3 @@ SECTIONS: dict[str, Section] = {
     "Model and provenance": _model,
 }
 """Parts of a report about one recording, in their order; one that adds nothing has no heading."""
-
-
-def _input_name(key: str) -> str:
-    """The name of an input in the table, such as ``pump, meter`` for ``pump_meter_messages``."""
-    load, _, what = key.removesuffix("_messages").rpartition("_")
-    return INPUT_NAMES.get(key) or f"{load}, {what}"
