@@ -16,7 +16,6 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
@@ -40,6 +39,7 @@ from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
 from robot_energy_fleet.tables import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_history.bags import BagReadings
 from robot_energy_history.readings import Reading, ReadingDecoder
+from robot_energy_identify.blas_threads import one_thread
 
 Row = dict[str, Any]
 _load_kinds = cache(load_kinds)  # of the user, which a worker has not loaded yet

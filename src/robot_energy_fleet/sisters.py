@@ -24,7 +24,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.units import HOUR_NS
