@@ -167,8 +167,7 @@ def _groups(page: Document, report: DynamicsReport) -> None:
         ("base parameters weakly excited: 95 % interval wider than the parameter itself", True),
     ):
         rows = [entry for entry in report.base_parameters if entry.weakly_excited is weak]
-        if rows:
-            page.rows(title, columns, rows)
+        page.rows(title, columns, rows)
 
 
 def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> None:

@@ -245,19 +245,18 @@ class EnergySections:
     def quality(self) -> None:
         """Add which samples are marked, where any is."""
         quality = self._report.quality
-        if quality.counts:
-            self._page.table(
-                f"Quality: marked of {quality.samples} samples",
-                ("", "samples", "share"),
-                [
-                    (
-                        QUALITY_NAMES.get(name, name),
-                        str(count),
-                        percent(count / quality.samples if quality.samples else None),
-                    )
-                    for name, count in quality.counts.items()
-                ],
-            )
+        self._page.table(
+            f"Quality: marked of {quality.samples} samples",
+            ("", "samples", "share"),
+            [
+                (
+                    QUALITY_NAMES.get(name, name),
+                    str(count),
+                    percent(count / quality.samples if quality.samples else None),
+                )
+                for name, count in quality.counts.items()
+            ],
+        )
 
 
 def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
@@ -294,9 +293,8 @@ def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
         for name, state in load.states.items()
         if len(load.states) > 1
     ]
-    if rows:
-        columns = ("", "state", "time [s]", "mean power [W]", "in the model [W]")
-        page.table("Mean power by state", columns, rows)
+    columns = ("", "state", "time [s]", "mean power [W]", "in the model [W]")
+    page.table("Mean power by state", columns, rows)
     known = seconds(report.balanced_ns)
     page.table(
         f"Balance of the outlet over the {known} in which all loads are known",

@@ -303,17 +303,16 @@ def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> N
     for change in report.wear:
         page.paragraph(change.sentence, "note" if change.fell else "problem")
     known = [joint for joint in report.joints if joint.valid]
-    if known:
-        page.rows(
-            "Learned: friction over that of the model file, from measured torque",
-            [
-                Column("", "name"),
-                Column("multiplier", "multiplier", fixed(3)),
-                Column("last minute", "multiplier_raw", fixed(3)),
-                Column("records\nfor wear", "records"),
-            ],
-            known,
-        )
+    page.rows(
+        "Learned: friction over that of the model file, from measured torque",
+        [
+            Column("", "name"),
+            Column("multiplier", "multiplier", fixed(3)),
+            Column("last minute", "multiplier_raw", fixed(3)),
+            Column("records\nfor wear", "records"),
+        ],
+        known,
+    )
     if report.meter_valid:
         page.paragraph(
             f"learned from the power meter: constant losses {report.loss_offset:+.1f} W"
