@@ -16,7 +16,6 @@ from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
@@ -39,6 +38,7 @@ from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_fleet.tables import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_history.bags import BagReadings
 from robot_energy_history.readings import Reading, ReadingDecoder
+from robot_energy_identify.blas_threads import one_thread
 
 Row = dict[str, Any]
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.timeline.blocks import Float, Int
 
 MIN_SISTERS = 5  # robots with a figure, below which none is compared

@@ -14,12 +14,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.check.evidence import (
     Evidence,
     Remarks,

@@ -19,7 +19,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import (
     ImplausibleIdentificationError,
@@ -31,6 +30,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet
 from robot_energy_identify.cabinet.dc_link import Voltages
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all

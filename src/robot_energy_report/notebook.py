@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.extras import require
@@ -17,7 +17,6 @@ from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import Result
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy
-from robot_energy.results.model import model_report
 from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
@@ -26,6 +25,7 @@ from robot_energy_report.document import Document, FlowDiagram, Tiles
 from robot_energy_report.energy import FIELDS, scale_of
 from robot_energy_report.formats import number, typeset
 from robot_energy_report.html import parts_html
+from robot_energy_report.model import model_report
 
 # What writes the document of a result, by the name of its JSON.
 DOCUMENTS = {

@@ -21,8 +21,8 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.record import Calibrated
-from robot_energy.certainty.band import TEMPERATURE, Z90, power_std
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.certainty.deviation import TEMPERATURE, Z90, power_std
 from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings

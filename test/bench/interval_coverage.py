@@ -25,7 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from rich.console import Console
 
-from robot_energy.certainty.band import Z95
+from robot_energy.certainty.deviation import Z95
 from robot_energy_report.printing import table
 from robot_energy_studies.interval_coverage import DrawnPlant, Judged, coverages, repetitions
 

@@ -31,7 +31,7 @@ MODULES = {
         batch decode encode lazy_store plan schema types walk
     """,
     "robot_energy.certainty": """
-        band band_calibration deviation energy_calibration figure_deviations
+        band_calibration deviation energy_calibration figure_deviations
         friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
@@ -39,7 +39,7 @@ MODULES = {
         programs record thermal_observer thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file described errors extras kinds options process_memory schema_errors
+        config_file described errors extras kinds options process_memory schema_errors
         shown shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
@@ -62,13 +62,13 @@ MODULES = {
         fields friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        auxiliary drive_models figure friction_laws joint load open_schema
         payload schema
     """,
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort effort_check
         electrical_power equations friction hold_torque motor_heat pinocchio_model
-        plausibility rigid_body torque_limits
+        rigid_body torque_limits
     """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
@@ -96,7 +96,7 @@ MODULES = {
         identify_excitation identify_friction identify_inputs identify_metered
         identify_thermal import_logs info kinds layouts listings main model_reference models
         monitoring numbers optimize predict replay replay_arguments report result_schema shared_bus
-        simulate terminal test tool_options
+        simulate stopping terminal test tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset
@@ -117,7 +117,8 @@ MODULES = {
         savings schema store tariffs use
     """,
     "robot_energy_identify": """
-        bounds friction_and_thermal options plausibility provenance refused_recordings run_all steps
+        blas_threads bounds friction_and_thermal options plausibility provenance
+        refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
@@ -152,10 +153,10 @@ MODULES = {
         check drives dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        actuators arm description model_text priors
+        actuators arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
+        autocorrelation cross_validation held_out_energy lag regression systematic torque_errors
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
@@ -261,7 +262,8 @@ LAYERS = {
         ("api",),
     ),
     "robot_energy_identify": (
-        ("starter", "check"),
+        ("starter", "blas_threads"),
+        ("check",),
         ("",),
         ("results",),
         ("api",),

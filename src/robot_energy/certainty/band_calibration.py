@@ -26,7 +26,7 @@ from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import HeldEnergies
-from robot_energy.certainty.band import (
+from robot_energy.certainty.deviation import (
     BUS,
     LOSS_GRID,
     TEMPERATURE,
@@ -223,8 +223,7 @@ class BandCalibration:
         score = np.where(sound, scores(error, rest, temperature), np.nan)
         keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
         self._slot, self._slots = self._slot[keep:], self._slots[keep:]
-        columns = (each.tolist() for each in (counts, phase, score))
-        return [_Scored(*each) for each in zip(*columns, strict=True)]
+        return [*map(_Scored, counts.tolist(), phase.tolist(), score.tolist())]
 
     def _score_stretch(self, row: list[int], power: float) -> None:
         end_ns, duration_ns, measured, _, predicted = row

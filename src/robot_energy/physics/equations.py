@@ -43,17 +43,6 @@ class Balance:
     capacitor_power: Float
     grid_power: Float
 
-    def at(self, rows: NDArray[np.int64]) -> Balance:
-        """Return the flows at some samples.
-
-        Args:
-            rows: Which samples, shape (M,).
-
-        Returns:
-            Shape (M,) each. [W]
-        """
-        return Balance(*(flow[rows] for flow in self.__dict__.values()))
-
 
 def constant_viscous(motor_temperature_degc: ArrayLike, viscous: float) -> Float:
     """Return viscous friction that is the same at every temperature.

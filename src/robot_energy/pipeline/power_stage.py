@@ -260,7 +260,6 @@ class PowerStage:
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
         """Return the power at torques that have settled; None while every sample still waits."""
-        block = block.motor_side()
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])
         stamp = block.stamp_ns
@@ -393,7 +392,7 @@ class PowerStage:
                 *map(itemgetter(rows), of_motors),
                 fan_power=fan_power[rows] if isinstance(fan_power, np.ndarray) else fan_power,
                 payload_mass=block.payload_mass[rows],
-                balance=balance.at(rows),
+                balance=Balance(*map(itemgetter(rows), vars(balance).values())),
                 stamp_ns=block.stamp_ns[rows],
             )
             if not begins[0]:
@@ -431,5 +430,7 @@ class PowerStage:
             reading = np.where(stale, np.nan, reading)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
         degc, friction_degc = self._condition.estimate(reading, viscous, std, shared, quality)
-        self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self.timeline)
+        self.fallback_use.samples += len(stamp_ns)
+        if not np.isfinite(degc.sum()):
+            self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self.timeline)
         return coulomb, viscous, std, shared, reading, degc, friction_degc

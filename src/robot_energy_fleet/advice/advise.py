@@ -11,7 +11,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.errors import MotionError, ParameterError, RobotEnergyError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import RobotModel

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
-from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
+from robot_energy.replay.inputs import driver_inputs, effort_meaning
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.options import EFFORTS
+from robot_energy_identify.options import EFFORTS, Stages, silent
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import Inputs

@@ -14,12 +14,12 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,

@@ -16,13 +16,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int, MeterLocation
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums

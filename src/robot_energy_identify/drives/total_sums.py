@@ -13,7 +13,7 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.stats.cross_validation import averaged
@@ -166,9 +166,9 @@ def joined(
         parts: Pieces, means of shape (K, columns) and numbers of shape (K,), in the order of
             time. [W]
     """
-    pieces = CoveredPieces.empty()
+    pieces = NO_PIECES
     for part, _, _ in parts:
-        pieces = pieces.join(part)
+        pieces = CoveredPieces.concatenate([pieces, part])
     if len(pieces) < MIN_READINGS:
         raise NotIdentifiableError(
             f"{len(pieces)} readings of the meter lie inside the samples of {of}",

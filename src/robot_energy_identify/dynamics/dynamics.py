@@ -14,12 +14,12 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.data.observations import Filters, Observations, Rows, observe
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited

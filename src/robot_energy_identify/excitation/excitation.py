@@ -15,11 +15,11 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,

@@ -90,8 +90,9 @@ class EnergyDeviations:
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
         own = np.sqrt(np.maximum(std**2 - shared**2, 0.0))
         square = speed * speed
-        bent = figures.by_exponent(motor_velocity)
-        if bent is not None:
+        bent = None
+        if figures.exponent_std is not None:
+            bent = figures.by_exponent(motor_velocity, figures.exponent_std)
             square = square * bent[0]
         carried = rigid_power * figures.payload_share
         at_bus = [

@@ -127,7 +127,9 @@ class Plausibility:
             rows = np.logical_or.reduce(beyond, axis=1)
             mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
             self._note_beyond(block, rows)
-        self._check_zeros(block)
+        position = block.joint_position
+        if self._zero_since is not None or np.count_nonzero(position) < position.size:
+            self._check_zeros(block)
         self._check_velocities(block)
 
     def refused(self, block: JointBlock) -> None:
@@ -156,10 +158,7 @@ class Plausibility:
         self._speed = np.maximum(self._speed, speed.max(axis=0))
 
     def _check_zeros(self, block: JointBlock) -> None:
-        position = block.joint_position
-        if self._zero_since is None and np.count_nonzero(position) == position.size:
-            return
-        zero = (position == 0).all(axis=1) & (
+        zero = (block.joint_position == 0).all(axis=1) & (
             (block.joint_velocity == 0) | np.isnan(block.joint_velocity)
         ).all(axis=1)
         size = len(zero)
