@@ -96,9 +96,6 @@ class Parser(ArgumentParser):
 
     Wrong words, such as names of files, are quoted without what acts on a terminal.
     Sub-commands have this class too, and with it the same form of help.
-
-    Args:
-        options: Adds the options, once they are needed: a command needs those of no other.
     """
 
     def __init__(

@@ -41,14 +41,11 @@ def _run_list(args: Namespace) -> int:
 def _run_check(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy_report.document import Document
-    from robot_energy_report.model import model_document, model_report
+    from robot_energy_report.model import model_report
 
     check_outputs(args, [args.model])
     model = load(args.model)
-    report, page = model_report(model, Robot.from_model(model)), Document()
-    model_document(report, page)
-    present(args, report, page)
+    present(args, model_report(model, Robot.from_model(model)))
     return 0
 
 

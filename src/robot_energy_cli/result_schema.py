@@ -73,11 +73,7 @@ LOOSE = ConfigDict(arbitrary_types_allowed=True)  # arrays
 
 
 def schema_of(name: str | None = None) -> dict[str, Any]:
-    """Return the JSON Schema of results.
-
-    Args:
-        name: Of one result, a key of `RESULTS`; None for a schema that every result fits.
-    """
+    """Return the JSON Schema of one result, or of all in one."""
     if name is None:
         return _document(f"results of robot-energy, version {SCHEMA_VERSION}", RESULTS.values())
     if name not in RESULTS:

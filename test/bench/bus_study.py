@@ -32,9 +32,9 @@ from robot_energy_papers.job_pool import Steps, job_pool
 from robot_energy_plan.api.shared_bus import shared_bus as shared_bus_of
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
+from robot_energy_rig.plant import Supply
 from robot_energy_rig.profile import SupplyProfile
 from robot_energy_rig.record import record
-from robot_energy_rig.supply import Supply
 from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig
 from robot_energy_studies.judged_savings import JudgedClaim
 

@@ -20,8 +20,8 @@ from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Learning
+from robot_energy_fleet.bag_joints import JointSums
 from robot_energy_fleet.bag_sums import HourSums
-from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.results.fleet import FleetReport
 from robot_energy_fleet.tables import FleetTables, Rows, tables_of

@@ -91,30 +91,28 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run
-        history history_output identify_all identify_drives identify_dynamics
-        identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info kinds layouts listings main model_reference models
-        monitoring numbers optimize predict replay replay_arguments report result_schema shared_bus
-        simulate stopping terminal test tool_options
+        advise check command commands export fleet_identify fleet_report fleet_run history
+        history_output identify_all identify_drives identify_dynamics identify_excitation
+        identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
+        layouts listings main model_reference models monitoring optimize predict replay
+        replay_arguments report result_schema shared_bus simulate stopping terminal test tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset
-        findings fleet_run history_tables identify joint_sums
-        merged_laws options report sisters tables workers
+        api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
+        merged_laws options report sisters tables
     """,
     "robot_energy_fleet.advice": """
         advise claims dataset_evidence evidence
     """,
     "robot_energy_fleet.documents": """
-        advice fleet fleet_figures
+        advice fleet
     """,
     "robot_energy_fleet.results": """
         advice fleet
     """,
     "robot_energy_history": """
-        api bags baseline check differences files jobs notes outputs queries readings rollup rows
-        savings schema store tariffs use
+        api bags check differences files jobs notes outputs queries readings rollup rows savings
+        schema store tariffs use
     """,
     "robot_energy_identify": """
         blas_threads bounds friction_and_thermal options plausibility provenance
@@ -192,23 +190,20 @@ MODULES = {
         common_supply optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out history_month html identification identify_all jobs layout model notebook
-        optimization prediction prediction_figure printing recordings repeats replay
-        replay_figures series shared_bus
+        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
+        history_month html identification identify_all jobs layout model notebook optimization
+        prediction printing recordings repeats replay replay_figures
     """,
     "robot_energy_report.layouts": """
         plots viewers
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures
-        history_period history_routes history_view hub json_numbers messages
-        metrics phase_totals recording robot_state rows saved_page settings terms
-        web_app web_server
+        access alarms answers energy_flow headless_browser history history_figures history_routes
+        history_view hub json_numbers messages metrics phase_totals recording robot_state saved_page
+        settings web_app web_server
     """,
     "robot_energy_rig": """
-        auxiliary config output plant profile record sensors supply
-        virtual_rig
+        config output plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
         band_coverage certainty ecbot generated_fleet independent interval_coverage judged_savings

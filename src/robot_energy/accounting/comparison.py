@@ -287,25 +287,30 @@ class Comparison(ExactSum):
     def _advance(self) -> Compared:
         epoch = self._epochs[self._predicted_epoch]
         predicted, measured = epoch.predicted, epoch.measured
-        result = NO_INTERVALS
+        result, end_ns = NO_INTERVALS, None
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
             start = int(max(predicted.stamp_ns[0], measured.stamp_ns[0]))
             start = start if epoch.done_ns is None else max(start, epoch.done_ns)
             if until > start:
                 result, end_ns = self._integrate(predicted, measured, start, until)
-                if self.meaning is not MeterMeaning.CUMULATIVE:  # as the meter shows it
-                    if self._stated is None:
-                        self.lag.take(result)
-                    self._follow(epoch.shown)
-                    energy = epoch.shown.energy(result.drawn, end_ns - result.duration_ns, end_ns)
-                    result = replace(result, predicted=energy)
-                self.minute.take(result)
                 epoch.done_ns = until
                 epoch.measured = measured.after(until)
                 epoch.predicted = predicted = predicted.after(until)
-        if not len(result):
-            self._follow(epoch.shown)
+        shows = self.meaning is not MeterMeaning.CUMULATIVE
+        if self._stated is not None:
+            epoch.shown.follow([], [self._stated.time_constant])
+        else:
+            if shows and len(result):
+                self.lag.take(result)
+            epoch.shown.follow(self.lag.since_ns, self.lag.lags)
+            if self.lag.since_ns and self._last is not None:
+                self.lag.forget(self._last[0])
+        if end_ns is not None:
+            if shows:
+                energy = epoch.shown.energy(result.drawn, end_ns - result.duration_ns, end_ns)
+                result = replace(result, predicted=energy)
+            self.minute.take(result)
         if len(predicted):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
@@ -314,14 +319,6 @@ class Comparison(ExactSum):
         elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
             epoch.shown.forget(self._last[0])
         return result
-
-    def _follow(self, shown: ShownPower) -> None:
-        if self._stated is None:
-            shown.follow(self.lag.since_ns, self.lag.lags)
-            if self.lag.since_ns and self._last is not None:
-                self.lag.forget(self._last[0])
-        else:
-            shown.follow([], [self._stated.time_constant])
 
     def _integrate(
         self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.timeline.pieces import NO_PIECES
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
 PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet
 STATE_WAIT_NS = 1_000_000_000  # for a state that was set but has not arrived
@@ -73,7 +73,7 @@ class LoadCurve:
     def measure(self, block: MeterBlock) -> None:
         """Take readings of the meter."""
         first, *later = self.curve.step(block)
-        pieces = later[-1] if later else self._pieces.join(first)
+        pieces = later[-1] if later else CoveredPieces.concatenate([self._pieces, first])
         self._pieces = pieces[slice(-MAX_KEPT, None)]
         counts = block.meaning is MeterMeaning.CUMULATIVE
         value = (

@@ -252,9 +252,7 @@ class LagEstimate:
         self.lags[-1] = self._lag()
 
     def take(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        if not len(compared):
-            return
+        """Take what became comparable, one interval or more."""
         energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
         table = np.column_stack(
             [compared.stamp_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]

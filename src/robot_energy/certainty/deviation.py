@@ -33,6 +33,7 @@ from robot_energy.certainty.figure_deviations import (
     TOGETHER_TERMS,
     DriveDeviation,
     FigureDeviations,
+    known_together,
 )
 from robot_energy.certainty.priors import figure_std, relative_std
 from robot_energy.model import RobotModel
@@ -178,8 +179,7 @@ class PowerDeviation:
         together = None
         if figures.together is not None:
             of_viscous = np.sqrt(variance) * speed
-            of_figures = [np.ones((size, 1)), motor_torque**2, speed, squared, of_viscous]
-            together = np.hstack(of_figures) @ figures.together
+            together = known_together(figures.together, speed, motor_torque, of_viscous)
             variance *= figures.viscous
         variance += self._coulomb_squared
         np.sqrt(variance, out=friction)

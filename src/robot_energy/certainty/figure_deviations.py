@@ -130,6 +130,20 @@ class FigureDeviations:
         return lever, std * lever * speed**2 * np.log(turning)
 
 
+def known_together(factor: Float, speed: Float, motor_torque: Float, viscous: Float) -> Float:
+    """Return the columns of what the covariance holds, shape (N, 1 + 4 n).
+
+    Args:
+        factor: L, see `FigureDeviations.together`.
+        speed: Without sign, 0 where the axis stands, shape (N, n). [rad/s]
+        motor_torque: That heats the windings, shape (N, n). [N m]
+        viscous: Deviation of the viscous friction of each joint for itself, times the square
+            of the speed, shape (N, n). [W]
+    """
+    of_dc = np.ones((len(speed), 1))
+    return np.hstack([of_dc, motor_torque**2, speed, speed**2, viscous]) @ factor
+
+
 def known_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:
     """Return a model whose figures err each for itself, and by how much others err together.
 
