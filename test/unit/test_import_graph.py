@@ -95,7 +95,8 @@ MODULES = {
         history_output identify_all identify_drives identify_dynamics identify_excitation
         identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
         layouts listings main model_reference models monitoring optimize predict replay
-        replay_arguments report result_schema shared_bus simulate stopping terminal test tool_options
+        replay_arguments report result_schema shared_bus simulate stopping terminal test
+        tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
