@@ -9,8 +9,9 @@ its masses are assumed they are notes, and are named once a gate of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,9 +30,9 @@ from robot_energy_identify.check.evidence import (
     remarks_of,
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
-from robot_energy_identify.check.meter import check_meter
+from robot_energy_identify.check.meter import check_meter, lag_of
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
-from robot_energy_identify.data.recordings import Recording, spread
+from robot_energy_identify.data.recordings import Recording, spread, undone
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.provenance import require_some
 
@@ -41,6 +42,8 @@ MISTAKES = (
 )  # fmt: skip
 # A delay is estimated and undone; what the meter reads less than the prediction is the model's.
 METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
+MAX_LATE = 0.6  # s: delay and low pass that are found together make a meter less late
+SAME_CLOCK = 0.1  # s by which lags of one meter differ: what a model leaves out makes 0.02
 MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
 
 
@@ -139,7 +142,7 @@ def notes_on_torque(parts: Sequence[Evidence], where: str = "") -> tuple[str, ..
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:
-    """Refuse a meter whose sign or unit is wrong, or that shows less than the shafts take.
+    """Refuse a meter whose sign, unit or clock is wrong, or that shows less than the shafts take.
 
     Args:
         recordings: With their meters; those without are passed over.
@@ -148,9 +151,49 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
         if recording.meter is not None:
             found, _ = check_meter(_evidence_of(recording, effort))
             _refuse(
-                [finding for finding in found if finding.cause in METER_MISTAKES],
-                "power positive into the robot, in the unit of its parameters",
+                [finding for finding in found if _spoils(finding)],
+                "power positive into the robot, in the unit of its parameters, in time",
             )
+
+
+def _spoils(finding: Finding) -> bool:
+    """Whether a finding of the meter is a mistake that no step undoes."""
+    off = finding.cause == "meter_clock" and abs(finding.evidence) > MAX_LATE
+    return off or finding.cause in METER_MISTAKES
+
+
+def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:
+    """Return recordings whose meters are equally late, and what was moved, one sentence each.
+
+    One delay is identified for all recordings, so clocks that differ would count as a low pass. The
+    lag that most recordings have stays: it is the meter's.
+    """
+    lags: dict[int, float] = {}
+    for number, part in enumerate(spread(recordings) if len(recordings) > 1 else ()):
+        known = part.meter is not None and part.in_order
+        found = lag_of(_evidence_of(part, EffortMeaning.NONE)) if known else ""
+        if not isinstance(found, str):
+            lags[number] = found.lag
+    moved, notes = list(recordings), list[str]()
+    if not lags:
+        return moved, ()
+    usual = max(lags.values(), key=lambda lag: (_alike(lag, lags.values()), -abs(lag)))
+    for number, lag in lags.items():
+        if _alike(lag, (usual,)):
+            continue
+        late, part = lag - usual, recordings[number]
+        assert part.meter is not None
+        moved[number] = replace(part, meter=undone(part.meter, late), known=None)
+        where = "behind" if late > 0 else "ahead of"
+        notes.append(
+            f"{part.path.name}: its meter is {abs(late):.2f} s {where} those of the other "
+            "recordings, so its readings were moved by as much; synchronise the clock of the meter"
+        )
+    return moved, tuple(notes)
+
+
+def _alike(lag: float, others: Iterable[float]) -> int:
+    return sum(abs(lag - other) <= SAME_CLOCK for other in others)
 
 
 @contextmanager
