@@ -20,7 +20,7 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, MeterMeaning
 from robot_energy_identify.check.evidence import (
     Evidence,
     Remarks,
@@ -166,19 +166,23 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
     """Return recordings whose meters are equally late, and what was moved, one sentence each.
 
     One delay is identified for all recordings, so clocks that differ would count as a low pass. The
-    lag that most recordings have stays: it is the meter's.
+    lag that most recordings have stays: it is the meter's. A counter is compared with counters, as
+    it has no low pass.
     """
     lags: dict[int, float] = {}
+    counts = [
+        part.meter is not None and part.meter.meaning is MeterMeaning.CUMULATIVE
+        for part in recordings
+    ]
     for number, part in enumerate(spread(recordings) if len(recordings) > 1 else ()):
         known = part.meter is not None and part.in_order
         found = lag_of(_evidence_of(part, EffortMeaning.NONE)) if known else ""
         if not isinstance(found, str):
             lags[number] = found.lag
     moved, notes = list(recordings), list[str]()
-    if not lags:
-        return moved, ()
-    usual = max(lags.values(), key=lambda lag: (_alike(lag, lags.values()), -abs(lag)))
     for number, lag in lags.items():
+        same = [other for place, other in lags.items() if counts[place] == counts[number]]
+        usual = max(same, key=lambda one: (_alike(one, same), -abs(one)))
         if _alike(lag, (usual,)):
             continue
         late, part = lag - usual, recordings[number]

@@ -73,19 +73,19 @@ def estimate_meter_delay(data: DriveData) -> Delay | None:
 
 
 def estimate_time_constant(data: DriveData, ahead: bool = False) -> Delay | None:
-    """Return the time constant of a low pass in the meters of all recordings.
+    """Return the time constant of a low pass in the meters of all recordings but counters.
 
     The delay is free at each constant: at a fixed one the constant would take it up, and a low pass
     that is undone by too much shows less than the grid gives while the drives brake. The constant
     is applied only where it explains the readings better than a delay alone. None where the
-    readings are too few to decide, or are those of a counter.
+    readings are too few to decide.
 
     Args:
         ahead: Whether readings may be ahead of the samples, as by a clock.
     """
-    counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
-    if counted or not np.isfinite(data.period) or data.period <= 0.0:
+    if not np.isfinite(data.period) or data.period <= 0.0:
         return None
+    data = replace(data, meters=tuple(map(_without_counter, data.meters)))
     span = min(MAX_TIME_CONSTANT, SHARE * len(data) * data.period)
     grid = span * np.arange(STEPS + 1) / STEPS
     lags = grid[::2] * SPAN / MAX_TIME_CONSTANT
@@ -111,6 +111,11 @@ def estimate_time_constant(data: DriveData, ahead: bool = False) -> Delay | None
     closer = _at_best_lags(error)
     finer = best_delay(near, closer[:, 1:], closer[:, 0], span, MIN_GAIN)
     return found if finer.at_edge else finer
+
+
+def _without_counter(meter: MeterBlock | None) -> MeterBlock | None:
+    counts = meter is not None and meter.meaning is MeterMeaning.CUMULATIVE
+    return None if counts else meter
 
 
 def _at_best_lags(error: Float) -> Float:

@@ -208,6 +208,27 @@ def test_recordings_with_one_clock_are_left_as_they_are(varied):
     assert not notes
 
 
+def counted(part):
+    """The same recording with an energy counter in place of its meter."""
+    meter = undone(part.meter, 0.0, 0.25)
+    nothing = np.full(len(meter), np.nan)
+    energy = np.cumsum(meter.power * meter.interval)
+    counter = MeterBlock(
+        meter.stamp_ns, nothing, energy, nothing, MeterMeaning.CUMULATIVE, MeterLocation.GRID
+    )
+    return replace(part, meter=counter, known=None)
+
+
+def test_a_counter_next_to_other_recordings_leaves_their_low_pass(varied):
+    parts = [varied, counted(varied)]
+    alone = estimate_time_constant(data_of(varied)).applied
+    both = drive_data(parts, [None] * 2, measured_torque=True)
+    assert estimate_time_constant(both).applied == pytest.approx(alone, rel=0.1)
+    kept, notes = on_one_clock([*parts, varied])
+    assert kept[1].meter is parts[1].meter
+    assert not notes
+
+
 @pytest.mark.parametrize("late", [0.9, 4.0])
 def test_a_meter_later_than_any_is_refused_with_the_line_that_mends_it(varied, late):
     refuse_meter([varied], EffortMeaning.NONE)
