@@ -42,6 +42,7 @@ MISTAKES = (
 )  # fmt: skip
 # A delay is estimated and undone; what the meter reads less than the prediction is the model's.
 METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
+UNLIKE = 0.1  # of the size of torque: sound recordings of one robot differ by 0.02
 MAX_LATE = 0.6  # s: delay and low pass that are found together make a meter less late
 SAME_CLOCK = 0.1  # s by which lags of one meter differ: what a model leaves out makes 0.02
 MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
@@ -62,7 +63,7 @@ def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
 
 def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
     """Return the few samples of a recording that the checks of its torque need."""
-    return _evidence_of(recording, effort).thinned()
+    return replace(_evidence_of(recording, effort).thinned(), name=recording.path.name)
 
 
 def evidence_of_rows(result: Dynamics) -> Evidence:
@@ -94,9 +95,41 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
 
 @one_thread
 def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
-    """The causes that make the torque of recordings of one model differ from the model's."""
-    found, _ = check_torque(joined([part.thinned() for part in parts]))
-    return tuple(one for one in found if one.severity != NOTE and one.cause != UNEXPLAINED)
+    """The causes that make the torque of recordings of one model differ from the model's.
+
+    A cause in one of them hardly shows in all together, so one whose torque has another size than
+    that of the others is looked at by itself.
+    """
+    found = _causes(joined([part.thinned() for part in parts]), parts)
+    for part in _unlike(parts):
+        if not part.motor_torque[np.isfinite(part.motor_torque)].any():
+            found.append(
+                Finding(
+                    "torque_scale", ERROR, part.names, f"{part.name}: its torque is 0 throughout",
+                    0.0, float("nan"), "leave this recording out, or record torque",
+                )
+            )  # fmt: skip
+            continue
+        found += [
+            replace(one, sentence=f"{part.name}: {one.sentence}")
+            for one in _causes(part)
+            if one.cause not in [known.cause for known in found]
+        ]
+    return tuple(found)
+
+
+def _causes(evidence: Evidence, parts: Sequence[Evidence] = ()) -> list[Finding]:
+    found, _ = check_torque(evidence, parts)
+    return [one for one in found if one.severity != NOTE and one.cause != UNEXPLAINED]
+
+
+def _unlike(parts: Sequence[Evidence]) -> list[Evidence]:
+    """Recordings with measured over body torque apart from the median of all."""
+    unknown = (np.nan, np.nan)
+    factors = np.array([part.remarks.effort_factors.get(part.effort, unknown)[0] for part in parts])
+    known = np.flatnonzero(np.isfinite(factors))
+    usual = float(np.median(factors[known])) if len(known) else 0.0
+    return [parts[k] for k in known if abs(factors[k] - usual) > UNLIKE * abs(usual)]
 
 
 def _is_mistake(finding: Finding) -> bool:
