@@ -129,7 +129,7 @@ def _unlike(parts: Sequence[Evidence]) -> list[Evidence]:
     factors = np.array([part.remarks.effort_factors.get(part.effort, unknown)[0] for part in parts])
     known = np.flatnonzero(np.isfinite(factors))
     usual = float(np.median(factors[known])) if len(known) else 0.0
-    return [parts[k] for k in known if abs(factors[k] - usual) > UNLIKE * abs(usual)]
+    return [parts[k] for k in known.tolist() if abs(factors[k] - usual) > UNLIKE * abs(usual)]
 
 
 def _is_mistake(finding: Finding) -> bool:
