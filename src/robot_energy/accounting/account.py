@@ -39,8 +39,8 @@ from robot_energy.accounting.registers import (
     ShaftEnergySums,
 )
 from robot_energy.accounting.totals import Totals
-from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.certainty.deviation import EnergyBand
 from robot_energy.foundation.errors import RegisterError
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.timeline.blocks import (
@@ -52,7 +52,7 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     SupplyBlock,
 )
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
 _Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
@@ -241,7 +241,7 @@ class EnergyAccount:
             oldest = now - self.comparison.patience_ns
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
-            return Compared.empty()
+            return NO_INTERVALS
         supply: SupplyBlock = block
         if self._unplaced:
             supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
@@ -280,10 +280,7 @@ class EnergyAccount:
     def precede(self, record: AccountRecord) -> None:
         """Put a record before what was counted since: nothing of either is lost.
 
-        For state files that can be read only some time after the start.
-
-        Args:
-            record: Ends no later than this account begins; same joints in the same order.
+        For state files that can be read only some time after the start, of the same joints.
         """
         carry_into(self, record)
         self.restarts += 1
@@ -331,19 +328,11 @@ class EnergyAccount:
             self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Return a job interval that begins at the newest counted sample.
-
-        Args:
-            name: Unique among the open intervals, 1 to 100 printable characters.
-        """
+        """Return a job interval of a name that is not open, from the newest counted sample on."""
         return self.intervals.open(name, self.end_ns, self.totals())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """Return a job interval, ended at the newest counted sample.
-
-        Args:
-            interval_id: Its number; 0 for none.
-        """
+        """Return a job interval, by number or name, ended at the newest counted sample."""
         return self.intervals.close(name, interval_id, self.end_ns or 0, self.totals())
 
     def list_intervals(self) -> list[EnergyInterval]:
