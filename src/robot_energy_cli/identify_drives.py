@@ -89,7 +89,7 @@ def _run(args: Namespace) -> int:
 
     IdentifyInputs(args).check_results()
     _check(args)
-    data, model, torque = _data(args)
+    data, model, torque, moved = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
     found = find_drives(data, model, source, args.cutoff)
     if found.drives is not None:
@@ -100,7 +100,7 @@ def _run(args: Namespace) -> int:
     if written is not None:
         done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
         written = written.changed(provenance=identified_from(written.provenance, done, bags))
-    report = drives_report(found, torque, notes)
+    report = drives_report(found, torque, [*moved, *notes])
     maps = mapped(found.drives)
     present(
         args,
@@ -130,7 +130,7 @@ def _check(args: Namespace) -> None:
         )
 
 
-def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
+def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str, tuple[str, ...]]:
     from robot_energy_identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
@@ -142,11 +142,12 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         contents, effort = contents_of(logs, mapping), mapping.joints.effort
         parts = [(contents, [log.whole()]) for log in logs]
         data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
-        return data, None, "log"
+        return data, None, "log", ()
     from robot_energy.model import load
     from robot_energy.timeline.blocks import EffortMeaning
     from robot_energy_identify.plausibility import check_signs
     from robot_energy_identify.refused_recordings import (
+        on_one_clock,
         refuse_meter,
         refuse_torque,
         torque_evidence,
@@ -171,8 +172,10 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     if measured:
         check_signs(recordings, effort)
         refuse_torque([torque_evidence(part, effort) for part in recordings])
+    recordings, moved = on_one_clock(recordings)
     refuse_meter(recordings, effort)
-    return drive_data(recordings, powers, measured), model, effort.value if measured else "model"
+    torque = effort.value if measured else "model"
+    return drive_data(recordings, powers, measured), model, torque, moved
 
 
 COMMAND = Command.of(__doc__, _run, _options)
