@@ -61,8 +61,7 @@ if TYPE_CHECKING:
         history_friction,
         history_jobs,
     )
-    from robot_energy_history.baseline import EnergyBaseline
-    from robot_energy_history.savings import EnergySavings, history_savings
+    from robot_energy_history.savings import EnergyBaseline, EnergySavings, history_savings
     from robot_energy_identify.api.evaluate import evaluate
     from robot_energy_identify.api.identify import (
         IdentificationResult,
@@ -112,8 +111,7 @@ _NAMES = {
     "robot_energy_history.api": (
         "History", "history", "history_events", "history_friction", "history_jobs",
     ),
-    "robot_energy_history.baseline": ("EnergyBaseline",),
-    "robot_energy_history.savings": ("EnergySavings", "history_savings"),
+    "robot_energy_history.savings": ("EnergyBaseline", "EnergySavings", "history_savings"),
     "robot_energy_identify.api.evaluate": ("evaluate",),
     "robot_energy_identify.api.identify": (
         "IdentificationResult", "identify_all", "identify_auxiliary", "identify_cabinet",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.extras import require
@@ -15,8 +15,14 @@ from robot_energy.foundation.files.output_files import (
 )
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import Command, add_option
-from robot_energy_cli.replay_arguments import BAG, DAMAGED, add_replay, model_named, options_given
+from robot_energy_cli.command import REQUIRED, Command, Options
+from robot_energy_cli.replay_arguments import (
+    BAG,
+    DAMAGED,
+    model_named,
+    options_given,
+    replay_options,
+)
 from robot_energy_cli.terminal import console, progress, wrote
 
 WHAT = "the table"
@@ -34,10 +40,11 @@ examples:
 """
 
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", help=BAG)
-    add_option(parser, "--out FILE", "the table: .csv, or .parquet (needs polars)", required=True)
-    add_replay(parser, "write means over periods of this length (default: every sample)")
+OPTIONS: Options = {
+    "bag": BAG,
+    "--out FILE": ("the table: .csv, or .parquet (needs polars)", REQUIRED),
+    **replay_options("write means over periods of this length (default: every sample)"),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -77,7 +84,7 @@ COMMAND = Command(
     "export",
     "the power of a recorded bag over time, as CSV or Parquet",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

@@ -23,9 +23,7 @@ example:
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_fleet.dataset import read_tables
-    from robot_energy_fleet.documents.fleet import fleet_friction_document
     from robot_energy_fleet.identify import identify_fleet
-    from robot_energy_report.document import Document
     from robot_energy_report.friction_figure import friction_over_temperature
 
     IdentifyInputs(args).check_results()
@@ -33,13 +31,14 @@ def _run(args: Namespace) -> int:
     found, model = identify_fleet(
         tables, load(args.model), args.dataset, IdentifyInputs(args).sensor_limits()
     )
-    page = Document("Friction of a fleet", f"Identified from {args.dataset}.")
-    fleet_friction_document(found, page)
-
-    def plot(path: str) -> None:
-        friction_over_temperature(found.axes, path, title=args.dataset)
-
-    present(args, found, page, plot=plot, model=model)
+    present(
+        args,
+        found,
+        "Friction of a fleet",
+        f"Identified from {args.dataset}.",
+        plot=lambda path: friction_over_temperature(found.axes, path, title=args.dataset),
+        model=model,
+    )
     return 0
 
 

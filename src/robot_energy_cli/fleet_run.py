@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import REQUIRED, Command, add_options, flags
-from robot_energy_cli.numbers import positive
-from robot_energy_cli.replay_arguments import DAMAGED, add_replay, options_given
+from robot_energy_cli.command import REQUIRED, Command, Options, flags, positive
+from robot_energy_cli.replay_arguments import DAMAGED, options_given, replay_options
 from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,
@@ -51,7 +50,8 @@ PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    "bags FOLDER|PATTERN|CSV": "where the bags are",
     "--out DATASET": ("folder of the dataset", REQUIRED),
     **flags(FleetOptions, ""),
     "--watch S": (
@@ -60,21 +60,16 @@ OPTIONS = {
         {"type": positive},
     ),
     **JSON_OPTION,
+    WHERE: {
+        **flags(FleetOptions, WHERE),
+        "--scratch GB": (
+            "size up to which a bag from a URL is copied to the host that replays it (default 20)",
+            {"type": positive, "default": 20.0},
+        ),
+    },
+    **flags(FleetOptions, "jobs"),
+    **replay_options(fixed=False),
 }
-SCRATCH = {
-    "--scratch GB": (
-        "size up to which a bag from a URL is copied to the host that replays it (default 20)",
-        {"type": positive, "default": 20.0},
-    ),
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
-    add_options(parser, OPTIONS)
-    add_options(parser.add_argument_group(WHERE), flags(FleetOptions, WHERE) | SCRATCH)
-    add_options(parser, flags(FleetOptions, "jobs"))
-    add_replay(parser, fixed=False)
 
 
 def _run(args: Namespace) -> int:
@@ -196,4 +191,4 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         wrote(out, args.json, "all figures as JSON")
 
 
-COMMAND = Command("run", "replay many bags into one dataset", _run, _options, DESCRIPTION, EPILOG)
+COMMAND = Command("run", "replay many bags into one dataset", _run, OPTIONS, DESCRIPTION, EPILOG)

@@ -52,8 +52,7 @@ OPTIONS: Options = {
 
 def _run(args: Namespace) -> int:
     from robot_energy_identify.api.identify import identify_all
-    from robot_energy_report.document import Document
-    from robot_energy_report.identify_all import identification_document, identification_lead
+    from robot_energy_report.identify_all import identification_lead
 
     IdentifyInputs(args).check_results()
     _check(args)
@@ -65,9 +64,8 @@ def _run(args: Namespace) -> int:
     }
     result = identify_all(args.bags, args.model, args.effort, **options)
     found = result.found
-    page = Document(f"Identification of {result.model.robot.type}", identification_lead(found))
-    identification_document(found, page, args.details)
-    present(args, found, page, model=result.model)
+    title, lead = f"Identification of {result.model.robot.type}", identification_lead(found)
+    present(args, found, title, lead, model=result.model, details=args.details)
     return 0
 
 

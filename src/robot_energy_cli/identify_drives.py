@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy_cli.command import Command, Options, add_option, add_options, flags
+from robot_energy_cli.command import (
+    Command,
+    Options,
+    add_option,
+    add_options,
+    flags,
+    frequency,
+)
 from robot_energy_cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,
@@ -17,7 +24,6 @@ from robot_energy_cli.identify_inputs import (
     bag_options,
     result_options,
 )
-from robot_energy_cli.numbers import frequency
 from robot_energy_cli.terminal import present
 from robot_energy_identify.options import OF_DRIVES, IdentifyOptions
 from robot_energy_logs.log_formats import LOG_FORMATS
@@ -81,8 +87,7 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.plausibility import check_drives, check_total
     from robot_energy_identify.provenance import hashed, identified_from
     from robot_energy_identify.results.drives import drives_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.drives import drives_document, efficiency_maps, mapped
+    from robot_energy_report.drives import efficiency_maps, mapped
 
     IdentifyInputs(args).check_results()
     _check(args)
@@ -98,13 +103,12 @@ def _run(args: Namespace) -> int:
         done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
         written = written.changed(provenance=identified_from(written.provenance, done, bags))
     report = drives_report(found, torque, notes)
-    page = Document("Electrical power of the drives", f"Identified from {source}.")
-    drives_document(report, page)
     maps = mapped(found.drives)
     present(
         args,
         report,
-        page,
+        "Electrical power of the drives",
+        f"Identified from {source}.",
         plot=(lambda path: efficiency_maps(maps, path, source)) if maps else None,
         model=written,
     )

@@ -82,8 +82,6 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.provenance import hashed
     from robot_energy_identify.refused_recordings import cause_named, evidence_of_rows
     from robot_energy_identify.results.dynamics import dynamics_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.dynamics import dynamics_document
 
     IdentifyInputs(args).check_results()
     IdentifyInputs(args).check_source(needs_effort=True)
@@ -112,12 +110,16 @@ def _run(args: Namespace) -> int:
     ]
     across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
     report = dynamics_report(result, held_out, consistent, across=across)
-    page = Document(
+    present(
+        args,
+        report,
         f"Dynamics of {model.robot.type}",
         f"Identified from {', '.join(sources)}. Model {written.model_id}.",
+        model=written,
+        reference=reference,
+        effort=effort,
+        details=args.details,
     )
-    dynamics_document(report, page, reference, effort, args.details)
-    present(args, report, page, model=written)
     return 0
 
 

@@ -59,9 +59,7 @@ def _span(text: str) -> Span:
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
-    from robot_energy_report.document import Document
     from robot_energy_report.friction_figure import friction_over_temperature
-    from robot_energy_report.identification import friction_document, study_document
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -73,10 +71,8 @@ def _run(args: Namespace) -> int:
     if args.train is not None:
         axes = _log(given) if args.log else given.bags().friction_data(load(args.model))
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
-        page = Document("Friction at temperatures that were not seen", source)
-        study_document(studies, page)
-        page.notes(given.log_notes)
-        present(args, studies, page)
+        title = "Friction at temperatures that were not seen"
+        present(args, studies, title, source, notes=given.log_notes)
         return 0
     model = None
     if args.log:
@@ -95,14 +91,15 @@ def _run(args: Namespace) -> int:
 
         result = identify_friction(given.bags(), args.model, share_shape=args.share_shape)
         report, model = result.found, result.model
-    page = Document("Friction over motor temperature", f"Identified from {source}.")
-    friction_document(report, page)
-    page.notes(given.log_notes)
-
-    def plot(path: str) -> None:
-        friction_over_temperature(report.axes, path, report.torque_unit, source)
-
-    present(args, report, page, plot=plot, model=model)
+    present(
+        args,
+        report,
+        "Friction over motor temperature",
+        f"Identified from {source}.",
+        plot=lambda to: friction_over_temperature(report.axes, to, report.torque_unit, source),
+        model=model,
+        notes=given.log_notes,
+    )
     return 0
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy_cli.command import Command, Options
+from robot_energy_cli.command import Command, Options, number
 from robot_energy_cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
-from robot_energy_cli.numbers import number
 from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
@@ -38,9 +37,6 @@ def _degc(text: str) -> float:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_report.document import Document
-    from robot_energy_report.identification import thermal_document
-
     given = IdentifyInputs(args)
     given.check_results()
     given.check_source(relative="the heat of a log is relative and makes no model file")
@@ -52,10 +48,8 @@ def _run(args: Namespace) -> int:
 
         result = identify_thermal(given.bags(), args.model, ambient_degc=args.ambient)
         report, model = result.found, result.model
-    page = Document("Thermal networks of the motors", f"Identified from {given.names()}.")
-    thermal_document(report, page)
-    page.notes(given.log_notes)
-    present(args, report, page, model=model)
+    title, lead = "Thermal networks of the motors", f"Identified from {given.names()}."
+    present(args, report, title, lead, model=model, notes=given.log_notes)
     return 0
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy_cli.command import Command, add_options, flags
+from robot_energy_cli.command import LIST, Command, Options, flags
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy_cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
+from robot_energy_cli.tool_options import AT_ORIGIN, START, tool_options, tool_table
 from robot_energy_plan.options import PAYLOAD_LINK, PredictOptions
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ examples:
 """
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    "program PROGRAM": ("program of motion", LIST),
     "--model FILE|NAME": (
         "model of the robot; repeat the option for several robots",
         SEVERAL_REQUIRED,
@@ -55,30 +56,20 @@ OPTIONS = {
     ),
     **flags(PredictOptions, ""),
     "--topic NAME": "of the JointTrajectory in a bag",
+    "output": {**OUTPUTS, "--plot FILE": "draw energy and power: png, svg or pdf"},
+    "G-code and shapes": tool_table(several=True),
+    "shapes\nan STL file is cut into layers; no infill": {
+        "--layer-height MM": "default 10 mm",
+        "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
+        "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
+        "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
+    },
 }
-SHAPE = {
-    "--layer-height MM": "default 10 mm",
-    "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
-    "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
-    "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
-    add_options(parser, OPTIONS)
-    output = parser.add_argument_group("output")
-    add_options(output, OUTPUTS | {"--plot FILE": "draw energy and power: png, svg or pdf"})
-    add_tool(parser.add_argument_group("G-code and shapes"), several=True, also=("--start",))
-    shape = parser.add_argument_group("shapes", "an STL file is cut into layers; no infill")
-    add_options(shape, SHAPE)
 
 
 def _run(args: Namespace) -> int:
     from robot_energy_plan.results.prediction import PredictionsReport
-    from robot_energy_report.document import Document
-    from robot_energy_report.prediction import labels, prediction_document
-    from robot_energy_report.prediction_figure import energy_and_power
+    from robot_energy_report.prediction import energy_and_power, labels
 
     check_outputs(args, [*args.program, *args.model])
     count = len(args.program) * len(args.model) * len(args.temperature)
@@ -86,18 +77,15 @@ def _run(args: Namespace) -> int:
         raise MotionError(f"{count} predictions were asked for", f"at most {MAX_RUNS}")
     found = _predictions(args)
     runs, results = tuple(one.report for one in found), [one.prediction for one in found]
-    report = PredictionsReport(runs)
-    page = Document(
+    present(
+        args,
+        PredictionsReport(runs),
         "Predicted energy",
         "Motion programs before they are run, through the models of the robots. "
         "Nothing in this report was measured.",
+        plot=lambda to: energy_and_power(results, [run.energy for run in runs], labels(runs), to),
+        results=results,
     )
-    prediction_document(report, page, results)
-
-    def plot(path: str) -> None:
-        energy_and_power(results, [run.energy for run in runs], labels(runs), path)
-
-    present(args, report, page, plot=plot)
     return 0
 
 
@@ -197,7 +185,7 @@ COMMAND = Command(
     "predict",
     "the energy of motion programs before they are run",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

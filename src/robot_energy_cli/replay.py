@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +12,14 @@ from robot_energy.foundation.errors import PageError, ReportError
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import OUTPUTS as WRITTEN
 from robot_energy.replay.options import ReplayOptions
-from robot_energy_cli.command import Command, Options, add_options, flags
+from robot_energy_cli.command import Command, Options, flags
 from robot_energy_cli.replay_arguments import (
     BAG,
     DAMAGED,
     PAGE,
-    add_replay,
     model_named,
     options_given,
+    replay_options,
 )
 from robot_energy_cli.terminal import JSON_OPTION, check_bag, check_outputs, present, progress
 
@@ -57,27 +57,24 @@ examples:
 """
 
 
-OUTPUTS: Options = {
-    **flags(ReplayOptions, WRITTEN),
-    **JSON_OPTION,
-    "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
-    "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium is "
-    "installed",
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", help=BAG)
-    add_options(parser, flags(ReplayOptions, "processes"))
-    add_options(parser.add_argument_group("outputs"), OUTPUTS)
-    add_options(parser.add_argument_group("energy page"), PAGE)
-    add_options(parser, flags(ReplayOptions, "jobs"))
-    add_replay(
-        parser,
+OPTIONS: Options = {
+    "bag": BAG,
+    **flags(ReplayOptions, "processes"),
+    "outputs": {
+        **flags(ReplayOptions, WRITTEN),
+        **JSON_OPTION,
+        "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
+        "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium "
+        "is installed",
+    },
+    "energy page": PAGE,
+    **flags(ReplayOptions, "jobs"),
+    **replay_options(
         "",
         "run a second time with friction fixed at this temperature (default: the model's "
         "fallback temperature) and compare both",
-    )
+    ),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -85,10 +82,8 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.replay import ReplayCurves, replay_document
-    from robot_energy_report.replay_figures import TemperatureHistory
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay import ReplayCurves
+    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
     named = model_named(args)
     inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
@@ -112,11 +107,19 @@ def _run(args: Namespace) -> int:
         changes = [change for _, change in runs]
         second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
         report = _explained(args, replay_report(results[0], change, second), model)
-        page, curves = Document(f"Where the energy went: {report.model.robot}"), None
+        curves = None
         if args.report is not None:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
-        replay_document(report, page, curves, settings=settings)
-        present(args, report, page, "bag", lambda path: _plot(path, results, changes))
+        title = f"Where the energy went: {report.model.robot}"
+        present(
+            args,
+            report,
+            title,
+            made="bag",
+            plot=lambda path: _plot(path, results, changes),
+            curves=curves,
+            settings=settings,
+        )
     _serve_page(args, recorded, results[0])
     return DAMAGED if results[0].problems else 0
 
@@ -226,8 +229,7 @@ def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> N
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     from robot_energy.timeline.blocks import MeterLocation
-    from robot_energy_report.replay_figures import power_and_energy
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import curves_of, power_and_energy
 
     first = results[0]
     curves = curves_of(results, changes)
@@ -242,5 +244,5 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
 
 
 COMMAND = Command(
-    "replay", "where the energy of a recorded bag went", _run, _options, DESCRIPTION, EPILOG
+    "replay", "where the energy of a recorded bag went", _run, OPTIONS, DESCRIPTION, EPILOG
 )

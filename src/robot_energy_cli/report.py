@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import ReplayOptions
-from robot_energy_cli.command import Command, add_option, add_options, flags
+from robot_energy_cli.command import LIST, REQUIRED, Command, Options, flags
 from robot_energy_cli.replay_arguments import (
     BAG,
     DAMAGED,
     PAGE_SETTINGS,
-    add_replay,
     model_named,
     options_given,
+    replay_options,
 )
 from robot_energy_cli.terminal import check_report, console, progress, sign, wrote
 
@@ -39,16 +39,13 @@ examples:
 """
 
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("source", nargs="+", metavar="BAG|JSON", help=f"{BAG}; or a JSON file")
-    add_option(
-        parser,
-        "--out FILE",
-        "the report: .html, or .pdf where a Chromium is installed",
-        required=True,
-    )
-    add_replay(parser)
-    add_options(parser, {**PAGE_SETTINGS, **flags(ReplayOptions, "jobs")})
+OPTIONS: Options = {
+    "source BAG|JSON": (f"{BAG}; or a JSON file", LIST),
+    "--out FILE": ("the report: .html, or .pdf where a Chromium is installed", REQUIRED),
+    **replay_options(),
+    **PAGE_SETTINGS,
+    **flags(ReplayOptions, "jobs"),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -100,8 +97,7 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     from robot_energy.replay.setup import ReplaySetup
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
-    from robot_energy_report.replay_figures import TemperatureHistory
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
     model, change = load(model_named(args)), None
     if args.fixed_friction is not None:
@@ -119,7 +115,7 @@ COMMAND = Command(
     "report",
     "one page about recorded bags, or about the JSON of a result",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

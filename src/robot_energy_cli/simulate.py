@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from robot_energy_cli.command import REQUIRED, Command, add_options
+from robot_energy_cli.command import REQUIRED, Command, Options
 from robot_energy_cli.terminal import check_bag, console, wrote
 
 if TYPE_CHECKING:
@@ -34,31 +34,28 @@ example:
 """
 
 
-OPTIONS = {
-    "--robot NAME": f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
+OPTIONS: Options = {
+    "--robot NAME": (
+        f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
+        {"default": "kr16"},
+    ),
     "--plant-seed N": "draw friction, losses and constants of the plant at random",
     "--hard": "effects without a term in models",
     "--out BAG": ("folder of the new bag", REQUIRED),
-    "--duration S": "default 60 s",
-    "--start-temperature DEGC": "of motors and gears (default 20 degC)",
-    "--ambient DEGC": "default 20 degC",
-    "--seed N": "of program and sensor errors; the same seed gives the same bag",
+    "--duration S": ("default 60 s", {"default": 60.0}),
+    "--start-temperature DEGC": ("of motors and gears (default 20 degC)", {"default": 20.0}),
+    "--ambient DEGC": ("default 20 degC", {"default": 20.0}),
+    "--seed N": ("of program and sensor errors; the same seed gives the same bag", {"default": 0}),
     "--device-seed N": "of the constant errors of meter and sensors: recordings of one robot "
     "have the same (default: that of --seed)",
-    "--speedup FACTOR": "factor on how fast temperatures change (default 1)",
-    "--rate HZ": f"of the joint states (default {RATE:g} Hz)",
-    "--override SHARE": "share of full speed, above 0 to 1 (default 1)",
-    "--dwell S": "rest after every motion (default 0.2 s)",
+    "--speedup FACTOR": ("factor on how fast temperatures change (default 1)", {"default": 1.0}),
+    "--rate HZ": (f"of the joint states (default {RATE:g} Hz)", {"default": RATE}),
+    "--override SHARE": ("share of full speed, above 0 to 1 (default 1)", {"default": 1.0}),
+    "--dwell S": ("rest after every motion (default 0.2 s)", {"default": 0.2}),
     "--drive-power": "record the electrical input of each drive as well, on /drive_power",
     "--auxiliary": "record a pump and an extruder as well, with meters and states of their own",
     "--overwrite": "replace the bag of --out",
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_options(parser, OPTIONS)
-    rig = {"robot": "kr16", "start_temperature": 20.0, "ambient": 20.0, "seed": 0, "speedup": 1.0}
-    parser.set_defaults(**rig, duration=60.0, rate=RATE, override=1.0, dwell=0.2)
 
 
 def _run(args: Namespace) -> int:
@@ -118,5 +115,5 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
 
 
 COMMAND = Command(
-    "simulate", "record the virtual test rig to a bag", _run, _options, DESCRIPTION, EPILOG
+    "simulate", "record the virtual test rig to a bag", _run, OPTIONS, DESCRIPTION, EPILOG
 )

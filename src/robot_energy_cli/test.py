@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy_cli.command import Command, add_option, add_options
+from robot_energy_cli.command import LIST, Command, Options
 from robot_energy_cli.replay_arguments import (
     AT_FALLBACK,
     BAG,
     DAMAGED,
-    add_replay,
     model_named,
     options_given,
+    replay_options,
 )
 from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
 
@@ -37,29 +37,24 @@ examples:
 """
 
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bags", nargs="*", metavar="BAG", help=BAG)
-    add_option(
-        parser,
-        "--log LOG",
+OPTIONS: Options = {
+    "bags BAG": (BAG, {"nargs": "*"}),
+    "--log LOG": (
         "instead of bags: tables (CSV, plain or .gz, Parquet), each a recording; or their "
         "folder, if the mapping names the files",
-        nargs="+",
-    )
-    add_option(parser, "--mapping FILE", "what the columns of the log mean")
-    outputs = parser.add_argument_group("outputs")
-    add_options(outputs, TABLE_OUTPUTS)
-    add_replay(
-        parser,
+        LIST,
+    ),
+    "--mapping FILE": "what the columns of the log mean",
+    "outputs": TABLE_OUTPUTS,
+    **replay_options(
         compare="temperature of the fixed friction that the model is compared with (default: the "
         "model's fallback temperature)",
         fixed=False,
-    )
+    ),
+}
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_report.document import Document
-    from robot_energy_report.evaluation import evaluation_document
     from robot_energy_report.formats import counted
 
     if bool(args.bags) == bool(args.log):
@@ -71,12 +66,12 @@ def _run(args: Namespace) -> int:
     check_outputs(args, given)
     keep_freed_memory()
     report = _of_logs(args, named) if args.log else _evaluated(args, args.bags, named)
-    page = Document(
+    present(
+        args,
+        report,
         f"Test of {report.model.robot}",
         f"Model {report.model.model_id} on {counted(len(report.recordings), 'recording')}.",
     )
-    evaluation_document(report, page)
-    present(args, report, page)
     return DAMAGED if any(one.problems for one in report.recordings) else 0
 
 
@@ -121,7 +116,7 @@ COMMAND = Command(
     "test",
     "how good a model is on recordings: torque, shafts, power and energy at the meter",
     _run,
-    _options,
+    OPTIONS,
     DESCRIPTION,
     EPILOG,
 )

@@ -6,13 +6,14 @@ import csv
 import io
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from robot_energy import __version__
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel, load
@@ -36,29 +37,27 @@ MAX_SHOWN = 40
 SHORT = 20  # characters that always fit into it
 
 
-@dataclass(frozen=True)
-class FleetBag:
-    """A bag to replay, with all that a worker needs but the model.
-
-    Attributes:
-        programme: What the robot did; may be empty.
-        options: Of the replay, plain values under the names of `ReplayOptions`.
-        texts: Text of files among the options, by option: workers need not have the files.
-        named: Addresses under which a table names it.
-        with_history: Whether its registers at each minute are wanted as well.
-    """
+class FleetBag(Described):
+    """A bag to replay, with all that a worker needs but the model."""
 
     place: BagPlace
     robot: str
-    programme: str = ""
+    programme: Annotated[str, "What the robot did; may be empty."] = ""
     shift: str = ""
     model: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    texts: Mapping[str, str] = field(default_factory=dict[str, str])
+    options: Annotated[
+        Mapping[str, Any], "Of the replay, plain values under the names of `ReplayOptions`."
+    ] = field(default_factory=dict[str, Any])
+    texts: Annotated[
+        Mapping[str, str],
+        "Text of files among the options, by option: workers need not have the files.",
+    ] = field(default_factory=dict[str, str])
     model_digest: str = ""
     version: str = __version__
-    named: tuple[str, ...] = ()
-    with_history: bool = False
+    named: Annotated[tuple[str, ...], "Addresses under which a table names it."] = ()
+    with_history: Annotated[bool, "Whether its registers at each minute are wanted as well."] = (
+        False
+    )
 
     @cached_property
     def settings(self) -> str:

@@ -29,8 +29,15 @@ from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.foundation.shown_text import shown
 from robot_energy.foundation.units import MICROJOULE
 from robot_energy.timeline.blocks import NANOSECOND
-from robot_energy_fleet.history_tables import history_tables, is_history
-from robot_energy_fleet.tables import RUNS, SCHEMA, SCHEMAS, TABLES, FleetTables
+from robot_energy_fleet.tables import (
+    RUNS,
+    SCHEMA,
+    SCHEMAS,
+    TABLES,
+    FleetTables,
+    history_tables,
+    is_history,
+)
 
 PACKED = "rows-"  # begin of the names of files with many rows
 LOCK = ".lock"

@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.drift import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
 from robot_energy.condition.wear import REMEDY, WearAlarm

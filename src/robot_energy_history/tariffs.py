@@ -96,11 +96,7 @@ class Prices(ModelEntry):
         return self
 
     def price_at(self, stamp_ns: int) -> float | None:
-        """Return the price at an instant; None without prices. [currency/kWh]
-
-        Args:
-            stamp_ns: The instant. [ns]
-        """
+        """Return the price at an instant; None without prices. [currency/kWh]"""
         if self.price_per_kwh is None:
             return None
         return self.price_of(local_time(stamp_ns, ZoneInfo(self.timezone)))
@@ -112,10 +108,6 @@ class Prices(ModelEntry):
 
     def mean_price(self, start_ns: int, end_ns: int) -> float | None:
         """Return the mean over a time, each price by its share of it. [currency/kWh]
-
-        Args:
-            start_ns: Its begin. [ns]
-            end_ns: Its end. [ns]
 
         Returns:
             None without prices.
@@ -130,10 +122,6 @@ class Prices(ModelEntry):
 
     def edges(self, start_ns: int, end_ns: int) -> list[int]:
         """Return when prices may change: between two of these instants one price holds. [ns]
-
-        Args:
-            start_ns: The first of them. [ns]
-            end_ns: The last of them. [ns]
 
         Returns:
             In time order; the begins of local hours are among them.
@@ -238,9 +226,6 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
     """Add tariffs to a history, also while a recorder writes it.
 
     One with the same begin holds from now on, and the earlier one is kept.
-
-    Args:
-        now_ns: Time of this computer. [ns]
     """
     path = folder / FILE
     lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()

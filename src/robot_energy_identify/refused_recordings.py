@@ -14,12 +14,12 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.check.evidence import (
     Evidence,
     Remarks,
@@ -110,10 +110,6 @@ def refuse_torque(parts: Sequence[Evidence]) -> tuple[str, ...]:
 
     Returns:
         Other causes, one sentence each: they are for the user to look at.
-
-    Raises:
-        BagError: If there is no recording.
-        ImplausibleIdentificationError: Naming the causes and the lines that mend them.
     """
     require_some(parts)
     if not bodies_known(parts[0].model):
@@ -155,16 +151,10 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
 
 @contextmanager
 def cause_named(parts: Callable[[], Sequence[Evidence]]) -> Generator[None]:
-    """Add to a refusal the causes that the checks find in the recordings.
+    """Yield to work that may be refused; add the causes that the checks find to its refusal.
 
     Args:
         parts: Gives the recordings, if something is refused.
-
-    Yields:
-        Nothing: the work that may be refused stands inside.
-
-    Raises:
-        ImplausibleIdentificationError: That of the work, with the causes.
     """
     try:
         yield

@@ -102,17 +102,6 @@ class FileAccount(RejectionLog):
     first_line: dict[str, int] = field(default_factory=dict[str, int])
     first_cell: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
 
-    def reject_lines(self, reason: str, lines: Int, cell: tuple[str, str] = ("", "")) -> None:
-        """Count rejected rows and remember where the first one stands.
-
-        Args:
-            lines: Where they stand in the file, rising, shape (N,).
-            cell: Name and text of what offends in the first of them.
-        """
-        if len(lines) and reason not in self.first_line:
-            self.first_line[reason], self.first_cell[reason] = int(lines[0]), cell
-        self.reject(reason, len(lines))
-
     @property
     def reasons(self) -> str:
         """Count and first place of every reason for which rows were rejected."""
@@ -280,13 +269,10 @@ def write_bag(
     overwrite: bool = False,
     origin: str = "",
 ) -> ImportReport:
-    """Write blocks of a log into a new bag; nothing is left behind if that fails.
+    """Return what was written of a log into a new bag; nothing is left behind if that fails.
 
     Args:
         origin: Where the recording comes from, in words, noted with the bag.
-
-    Returns:
-        What was written.
     """
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)

@@ -44,11 +44,7 @@ def dynamics_document(
     details: bool = False,
     friction_follows: bool = False,
 ) -> None:
-    """Add an identification.
-
-    Args:
-        details: Also every group with value and standard deviation on the terminal.
-    """
+    """Add an identification; with details every group of parameters on the terminal too."""
     result, delay = report.result, report.delay
     settings = result.settings
     page.pairs(

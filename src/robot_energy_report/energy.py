@@ -51,11 +51,7 @@ MAX_CONTRIBUTIONS = 8
 
 
 def scale_of(energies: Sequence[EnergyBreakdown]) -> EnergyFormat:
-    """Return one unit and precision for several results.
-
-    Args:
-        energies: At least one; the greatest energy drawn or given back decides.
-    """
+    """Return one unit and precision for several results, by the greatest energy of all."""
     return EnergyFormat(max(max(energy.grid_import, energy.grid_return) for energy in energies))
 
 

@@ -188,20 +188,12 @@ def signed_percent(ratio: float | None) -> str:
 
 
 def seconds(time_ns: int) -> str:
-    """Return a time in s.
-
-    Args:
-        time_ns: Any span. [ns]
-    """
+    """Return a time in s."""
     return f"{time_ns * 1e-9:.3f} s"
 
 
 def utc(stamp_ns: int | None, form: str = "%F %R") -> str:
-    """Return a stamp as date and time.
-
-    Args:
-        stamp_ns: None where there is none. [ns since 1970]
-    """
+    """Return a stamp as date and time."""
     if stamp_ns is None:
         return NOTHING
     return f"{local_time(stamp_ns):{form}}"
@@ -259,11 +251,7 @@ def some_names(names: Iterable[str], limit: int = 5) -> str:
 
 
 def jobs_left_out(count: int) -> str:
-    """Return that jobs which no bag holds whole do not count.
-
-    Args:
-        count: How often a bag holds a part of a job only.
-    """
+    """Return that jobs which no bag holds whole do not count."""
     return f"jobs that are not in a bag from beginning to end, left out: {count}"
 
 

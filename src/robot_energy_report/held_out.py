@@ -13,8 +13,7 @@ from robot_energy_report.canvas import COLOURS, LINES, Target, panels
 from robot_energy_report.document import Column, Document
 from robot_energy_report.evaluation import error_bars
 from robot_energy_report.formats import energy_text, fixed, percent, signed_percent, significant
-from robot_energy_report.replay_figures import power_and_energy
-from robot_energy_report.series import Role, Series, series_of
+from robot_energy_report.replay_figures import Role, Series, power_and_energy, series_of
 
 KINDS = {
     "test": "recordings named for the test, not used for the fit",

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from robot_energy import __version__
-from robot_energy.certainty.band import Z95
+from robot_energy.certainty.deviation import Z95
 from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS

@@ -30,13 +30,13 @@ from robot_energy_report.formats import (
 from robot_energy_report.headline import beyond_constant, headline, place_of, tiles, verdict
 from robot_energy_report.jobs import job_section, summary_section
 from robot_energy_report.page.settings import PageSettings
-from robot_energy_report.prediction_figure import energy_bars
+from robot_energy_report.prediction import energy_bars
 from robot_energy_report.replay_figures import (
+    Series,
     TemperatureHistory,
     power_and_energy,
     temperature_and_friction,
 )
-from robot_energy_report.series import Series
 
 INPUT_NAMES = {
     "joint_state_messages": "joint states",

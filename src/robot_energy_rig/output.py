@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Block, Float, MeterBlock, TemperatureBlock
 
 
@@ -89,29 +91,17 @@ class Truth(Block):
         return self.shaft_power + self.iron_loss + self.copper_loss + self.inverter_loss
 
 
-@dataclass(frozen=True)
-class RigOutput:
-    """What one step of the rig gave.
+class RigOutput(Described):
+    """What one step of the rig gave."""
 
-    Attributes:
-        joints: Joint states.
-        temperatures: Motor temperatures, None if none was due.
-        meter: Readings of the grid meter, None if none was due.
-        truth: For tests and studies; a monitor never sees it.
-    """
-
-    joints: RigJoints
-    temperatures: TemperatureBlock | None
-    meter: MeterBlock | None
-    truth: Truth
+    joints: Annotated[RigJoints, "Joint states."]
+    temperatures: Annotated[TemperatureBlock | None, "Motor temperatures, None if none was due."]
+    meter: Annotated[MeterBlock | None, "Readings of the grid meter, None if none was due."]
+    truth: Annotated[Truth, "For tests and studies; a monitor never sees it."]
 
     @classmethod
     def concatenate(cls, outputs: Sequence[RigOutput]) -> RigOutput:
-        """Return one output with all samples and readings, in the order given.
-
-        Args:
-            outputs: At least one.
-        """
+        """Return at least one output as one with all samples and readings, in the order given."""
         temperatures = [o.temperatures for o in outputs if o.temperatures is not None]
         meters = [o.meter for o in outputs if o.meter is not None]
         return cls(

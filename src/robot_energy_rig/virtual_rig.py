@@ -34,14 +34,15 @@ from robot_energy_rig.config import RigConfig
 from robot_energy_rig.output import RigJoints, RigOutput, Truth
 from robot_energy_rig.plant import (
     DriveFlows,
+    Fan,
     PlantDrives,
     PlantFriction,
+    Supply,
     ThermalNetwork,
     longest_step,
 )
 from robot_energy_rig.profile import PlantProfile
 from robot_energy_rig.sensors import GridMeter, JointSensors, TemperatureSensor
-from robot_energy_rig.supply import Fan, Supply
 
 BLOCK = 1.0  # s of samples over which temperatures are held, at most
 AHEAD = 1024  # samples of the motion that are computed at once, at least a block
@@ -190,9 +191,6 @@ class VirtualRig:
 
         Temperatures and meter readings come with the first step whose last sample is not
         before their stamp.
-
-        Args:
-            n_samples: How many samples, >= 1.
         """
         if n_samples < 1:
             raise RigError(f"a step of {n_samples} samples was asked for", "at least 1")

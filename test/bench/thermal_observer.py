@@ -14,7 +14,9 @@ import os
 import sys
 import time
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
@@ -22,13 +24,19 @@ from rich.console import Console
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from places import ROOT
+from robot_energy.foundation.described import Described
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel, load, validate
+from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import JointBlock, TemperatureBlock
+from robot_energy_identify.thermal.network import ambient_of, fit_network, free_run
+from robot_energy_identify.thermal.windows import runs_of_log
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import load_mapping
+from robot_energy_logs.recording import LogBlock
 from robot_energy_report.printing import table
-from robot_energy_studies.thermal_study import FreeRun, HiddenPlant, free_runs, study
+from robot_energy_studies.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
 
 CONSOLE = Console(width=120)
 LOG = "ur3_cobotops/dataset_02052023.csv"
@@ -75,6 +83,36 @@ def show_rig(found: list[HiddenPlant]) -> bool:
         f"twenty minutes, {100 * energy.max():.2f} % of the energy"
     )
     return bool(warm.max() <= 3.0 and early.max() <= 5.0 and energy.max() <= 0.01)
+
+
+class FreeRun(Described):
+    """One motor of a log: fitted on one run, run freely over another."""
+
+    name: str
+    rms: Annotated[float, "Of the free run. [K]"]
+    held_rms: Annotated[float, "With the first reading held. [K]"]
+
+
+def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
+    """Return errors of every motor of a log, fitted on its first run, over its last one.
+
+    Of that the fit has seen nothing but the first reading.
+    """
+    found: list[FreeRun] = []
+    runs = [runs_of_log([rows], joint) for joint in range(len(names))]
+    ambient = ambient_of([motor[:1] for motor in runs])
+    for name, motor in zip(names, runs, strict=True):
+        if len(motor) < 2:
+            raise NotIdentifiableError(f"the log has {len(motor)} runs of {name}", "two")
+        fit = fit_network(name, motor[:1], ambient)
+        last = motor[-1]
+        measured = last.motor_temperature_degc
+        known = np.isfinite(measured)
+        off = free_run(MotorHeat.of([fit.network]), last, ambient) - measured
+        held = last.start_degc - measured
+        rms = (float(np.sqrt(np.mean(part[known] ** 2))) for part in (off, held))
+        found.append(FreeRun(name, *rms))
+    return found
 
 
 def show_log(found: list[FreeRun]) -> bool:
@@ -163,7 +201,8 @@ def main() -> int:
     warnings.simplefilter("ignore", RuntimeWarning)  # of fits that find nothing
     kept = [show_cpu()]
     if not args.cpu:
-        kept.append(show_rig(study(args.plants)))
+        plants = [hidden_sensors(ROBOTS[k % len(ROBOTS)], k) for k in range(args.plants)]
+        kept.append(show_rig(plants))
         data = os.environ.get("ROBOT_ENERGY_DATA")
         if data:
             mapping = load_mapping(MAPPING)

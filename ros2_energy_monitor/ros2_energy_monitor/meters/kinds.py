@@ -118,11 +118,7 @@ METER_LINKS = Kinds(
 
 
 def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
-    """Return the kind of the link of a profile, and what it holds.
-
-    Args:
-        name: Name of a shipped profile, or path of a file of yours.
-    """
+    """Return the kind of the link of a profile, shipped or a file of yours, and what it holds."""
     source, document = read_document(name)
     link = document.get("link") if isinstance(document, dict) else None
     try:

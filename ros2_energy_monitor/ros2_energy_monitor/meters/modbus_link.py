@@ -110,11 +110,7 @@ def length(kind: NumberType) -> int:
 
 
 class Registers:
-    """Reads registers over one TCP connection.
-
-    Args:
-        table: ``holding`` or ``input``.
-    """
+    """Reads ``holding`` or ``input`` registers over one TCP connection."""
 
     def __init__(self, endpoint: Endpoint, unit: int, table: str) -> None:
         self._client_module = require(

@@ -143,11 +143,7 @@ P = TypeVar("P", bound=MeterProfile[Any])
 
 
 def read_document(name: str) -> tuple[str, object]:
-    """Return the path of a profile and its content, unchecked.
-
-    Args:
-        name: Name of a shipped profile, or path of a file of yours.
-    """
+    """Return the path of a profile and its content, unchecked."""
     shipped = {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
     path = shipped.get(name) or Path(name)
     if name not in shipped and path.suffix not in (".yaml", ".yml"):

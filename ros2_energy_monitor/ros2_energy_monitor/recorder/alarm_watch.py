@@ -13,8 +13,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.shown_text import shown
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy_history.differences import Event
@@ -109,27 +110,18 @@ def _statuses(data: bytes) -> Iterator[tuple[bytes, bytes, bytes, bytes]]:
         yield name, level, message, restarts
 
 
+@documented
 @dataclass
 class _Alarm:
-    """How a status stands.
+    """How a status stands."""
 
-    Attributes:
-        noted: Severity of the alarm that was noted; 0 for none.
-        seen: Severity that it has now.
-        since: When it got it, steady time. [s]
-    """
-
-    noted: int = 0
-    seen: int = 0
-    since: float = 0.0
+    noted: Annotated[int, "Severity of the alarm that was noted; 0 for none."] = 0
+    seen: Annotated[int, "Severity that it has now."] = 0
+    since: Annotated[float, "When it got it, steady time. [s]"] = 0.0
 
 
 class AlarmWatch:
-    """Notes alarms of one robot that last, and restarts of its monitors.
-
-    Args:
-        namespace: Of the robot's monitors, with or without slashes.
-    """
+    """Notes alarms of one robot that last, and restarts of its monitors."""
 
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace.strip("/")

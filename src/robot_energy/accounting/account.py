@@ -39,8 +39,8 @@ from robot_energy.accounting.registers import (
     ShaftEnergySums,
 )
 from robot_energy.accounting.totals import Totals
-from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.certainty.deviation import EnergyBand
 from robot_energy.foundation.errors import RegisterError
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.timeline.blocks import (
@@ -52,7 +52,7 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     SupplyBlock,
 )
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
 _Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
@@ -241,7 +241,7 @@ class EnergyAccount:
             oldest = now - self.comparison.patience_ns
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
-            return Compared.empty()
+            return NO_INTERVALS
         supply: SupplyBlock = block
         if self._unplaced:
             supply = SupplyBlock.concatenate([*self._unplaced, block.supply])

@@ -21,7 +21,7 @@ from robot_energy.accounting.registers import CLOCK_STEP_NS
 from robot_energy.inputs.auxiliary import LoadTopics
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, PowerBlock
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
 _COUNTS = ("known_ns", "missing_ns", "missing_count", "state_ns", "together_ns", "observed_ns")
 AccountMark = tuple[list[SumMark], list[Any], Any]
@@ -66,7 +66,7 @@ class AuxiliaryAccount:
         ]
         self.offset = np.cumsum([0, *(len(curve.load.states) for curve in self.curves)])
         self._was_known = np.ones(len(self.curves), dtype=np.bool_)
-        self._waiting = CoveredPieces.empty()  # power of the cabinet
+        self._waiting = NO_PIECES  # power of the cabinet
         self._last: tuple[int, int, float] | None = None  # stamp, segment, power
         self.begin()
 
@@ -183,7 +183,7 @@ class AuxiliaryAccount:
         keep = (np.diff(segment) == 0) & (elapsed > 0) & (elapsed <= CLOCK_STEP_NS)
         keep &= np.isfinite(power[1:]) & np.isfinite(power[:-1])
         pieces = CoveredPieces(stamp[:-1], stamp[1:], power[:-1], power[1:])[keep]
-        self._waiting = self._waiting.join(pieces)
+        self._waiting = CoveredPieces.concatenate([self._waiting, pieces])
 
     def _decide(self, until_ns: int) -> None:
         """Count what ends by an instant; more that concerns it does not come."""

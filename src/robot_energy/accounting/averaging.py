@@ -8,7 +8,7 @@ import numpy as np
 
 from robot_energy.accounting.load_curve import COLUMNS, HOLD_NS
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SampleIntervals
-from robot_energy.certainty.band import Z90, BandKind, power_std
+from robot_energy.certainty.deviation import Z90, BandKind, power_std
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
@@ -19,7 +19,7 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     differences,
 )
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class MeanBlock(Block):
         joints: Mean of each joint register's power, shape (W, 5, n). [W]
         deviation: Mean of the deviations of the power, shape (W, K). [W]
         band_half: Half width of the 90 % band about the mean grid power, shape (W,). [W]
-        band: What kind of band it is, `robot_energy.certainty.band.BandKind`, shape (W,).
+        band: What kind of band it is, `robot_energy.certainty.deviation.BandKind`, shape (W,).
         shaft_power_measured: Mean, shape (W, n); NaN unless the effort covers all of the
             time integrated, so that it compares with the predicted mean. [W]
         motor_velocity, motor_torque, motor_torque_measured, coulomb, viscous,
@@ -167,7 +167,8 @@ class Averager:
     ) -> _Pieces:  # fmt: skip
         """Sum up the pieces that begin at rows, after so many free rows."""
         size, n_joints = lead + len(bounds), block.rigid_power.shape[1]
-        width, deviation = intervals.energy.shape[1], np.asarray(block.deviation)
+        held = block.deviation
+        width, deviation = intervals.energy.shape[1], held.values[held.row]
         pieces = _Pieces(
             np.empty(size, dtype=np.int64),
             np.empty((size, len(SHOWN) * n_joints + 1)),
@@ -271,7 +272,7 @@ class Averager:
         rows = np.full((len(stamp), 4), np.nan)
         if not self._compared and self._shown_ns is None:
             return rows
-        waiting = Compared.concatenate(self._compared or [Compared.empty()])
+        waiting = Compared.concatenate(self._compared or [NO_INTERVALS])
         available = waiting.stamp_ns
         table = np.stack([waiting.measured, waiting.predicted, waiting.duration_ns], axis=1)
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(table, axis=0)])

@@ -101,34 +101,28 @@ class ShownPower:
 
     Args:
         delay: Of the meter. [s]
+
+    Attributes:
+        waiting: Samples for `follow`: stamps in the order of time [ns], powers [W], and where
+            nothing is known between a sample and the one before; shape (N,) each.
     """
 
     def __init__(self, delay: float = 0.0) -> None:
         self._delay_ns = round(delay / NANOSECOND)
-        self._waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
+        self.waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
         self._rows: _Followed | None = None
 
-    def take(self, stamp_ns: Int, power: Float, begins: NDArray[np.bool_]) -> None:
-        """Take samples; they are shown with `follow`.
-
-        Args:
-            stamp_ns: In the order of time, shape (N,). [ns]
-            power: Shape (N,). [W]
-            begins: Where nothing is known between a sample and the one before, shape (N,).
-        """
-        self._waiting.append((stamp_ns, power, begins))
-
     def follow(self, since_ns: list[int], constants: list[float]) -> None:
-        """Let the meter show what was taken.
+        """Let the meter show what waits.
 
         Args:
             since_ns: From when on each time constant counts but the first. [ns]
             constants: Time constants. [s]
         """
-        if not self._waiting:
+        if not self.waiting:
             return
-        stamp, power, begins = map(np.concatenate, zip(*self._waiting, strict=True))
-        self._waiting.clear()
+        stamp, power, begins = map(np.concatenate, zip(*self.waiting, strict=True))
+        self.waiting.clear()
         constant = np.array(constants)[np.searchsorted(since_ns, stamp, side="right")]
         before = self._rows
         if before is None:
@@ -258,9 +252,7 @@ class LagEstimate:
         self.lags[-1] = self._lag()
 
     def take(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        if not len(compared):
-            return
+        """Take what became comparable, one interval or more."""
         energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
         table = np.column_stack(
             [compared.stamp_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy.timeline.stamps import BACKWARD_JUMP_NS
 
 BEGIN_NS = 100_000_000  # the same at first, when a reading before may be the wrong one
@@ -85,7 +85,7 @@ class MeterCurve:
                 self._last = None
                 self.counter.restart()
             if not len(rows):
-                pieces.append(CoveredPieces.empty())
+                pieces.append(NO_PIECES)
             elif cumulative:
                 pieces.append(self._counted(block.stamp_ns[rows], value[rows]))
             else:

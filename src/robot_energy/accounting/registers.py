@@ -67,7 +67,7 @@ class Coverage:
             observed: Whether that time was integrated, shape (N,).
         """
         if observed.all():
-            self.count(_total(elapsed), 0, 0, 0)
+            self.observed_ns = min(self.observed_ns + int(elapsed.sum()), MAX_COUNTER)
             self.in_gap = False
             return
         jump = (elapsed < 0) | (elapsed > CLOCK_STEP_NS)

@@ -161,11 +161,7 @@ def parse_statistics(data: memoryview) -> Statistics:
 
 
 def ros_type(name: str) -> str:
-    """Return a message type with its ``msg`` part, which some writers leave out.
-
-    Args:
-        name: Such as ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``.
-    """
+    """Return a message type with its ``msg`` part, which some writers leave out."""
     parts = name.split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 

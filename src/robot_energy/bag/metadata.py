@@ -133,12 +133,7 @@ def metadata_yaml(
     count: int,
     origin: str = "",
 ) -> str:
-    """Return the text of metadata.yaml.
-
-    Args:
-        file: Name of the one bag file; None for the copy inside that file.
-        origin: Where the recording comes from, in words; empty if not said.
-    """
+    """Return the text of metadata.yaml; without a file, of the copy inside of the bag file."""
     span = (
         f"starting_time:\n  nanoseconds_since_epoch: {start_ns}\n"
         f"duration:\n  nanoseconds: {duration_ns}\n"

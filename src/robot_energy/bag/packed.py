@@ -32,11 +32,7 @@ Source = McapSource | SqliteSource
 
 
 def open_file(path: Path, report: Report) -> Source:
-    """Return the source that reads a file.
-
-    Args:
-        path: A file of a bag; ``.db3`` is SQLite, everything else MCAP.
-    """
+    """Return the source that reads a file: ``.db3`` is SQLite, everything else MCAP."""
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
 

@@ -91,13 +91,10 @@ CONVERSIONS = {
 
 
 class BagReader:
-    """Reads one bag.
+    """Reads one bag: an MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
 
     Damage found on the way does not raise: what is whole is delivered, and ``problems`` says what
     was not.
-
-    Args:
-        path: An MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
 
     Attributes:
         start_ns: Earliest log time; None if unknown or the bag is empty. [ns]
@@ -342,11 +339,7 @@ def rises(batches: Iterable[RawBatch]) -> bool:
 
 
 def merged(topics: Sequence[Iterator[RawBatch]]) -> Iterator[dict[str, RawBatch]]:
-    """Yield the messages of several topics, none ahead of another by more than a batch.
-
-    Args:
-        topics: The messages of each, whose log times rise.
-    """
+    """Yield messages of topics whose log times rise, none ahead of another by more than a batch."""
     held: list[RawBatch | None] = [next(topic, None) for topic in topics]
     while ends := [int(batch.log_time_ns[-1]) for batch in held if batch is not None]:
         until = min(ends)

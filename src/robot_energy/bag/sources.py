@@ -147,11 +147,7 @@ class McapSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, a chunk at a time and a batch a topic.
-
-        Args:
-            spans: Log times that matter, by topic; chunks outside are passed over. [ns]
-        """
+        """Yield the messages of some topics, a chunk at a time, within log times [ns] by topic."""
         for block in self._file.blocks(topics, spans):
             part = self._part(block, topics)
             if part:

@@ -165,11 +165,7 @@ class Contrasts:
         self._payload = None
 
     def forget(self, number: int) -> Float:
-        """Return coefficients of a program, shape (OWN,), and forget them, not the others. [-]
-
-        Args:
-            number: Of the program, from 1.
-        """
+        """Return coefficients of a program, from 1, shape (OWN,), and forget them. [-]"""
         own = columns(number)
         gone = slice(FEATURES + own.start, FEATURES + own.stop)
         mean = self.baseline().mean[gone]

@@ -203,11 +203,7 @@ class DriftTest:
         self.changes = [*self.changes, found] if found is not None and same else kept
 
     def take(self, records: list[WearRecord]) -> None:
-        """Take what is known of a robot at once, and look for changes until there is no more.
-
-        Args:
-            records: Of the whole time, oldest first; they are kept as they are.
-        """
+        """Take all records of a robot as they are, oldest first, and look for all changes."""
         self.records = [
             one for one in records if np.isfinite([one.excess, one.variance, *one.features]).all()
         ]

@@ -148,25 +148,19 @@ class ConditionLearner:
         parts = np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
         return [*windows, *parts]
 
-    def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
-        """Learn from the part before, if it has ended.
-
-        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.begin`.
-        """
-        if self._part is not None and stamp_ns // PART_NS != self._part:
-            self._end_part()
-        if self.thermal.on:
-            self.thermal.begin(stamp_ns, stuck)
-
     def estimate(
-        self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
-    ) -> tuple[Float, Float]:
-        """Leave temperatures to the thermal observer.
+        self, begin_ns: int, stuck: NDArray[np.bool_], reading_degc: Float, viscous: Float,
+        std: Float, shared: Float, quality: Bits,
+    ) -> tuple[Float, Float]:  # fmt: skip
+        """Learn from the part before, if it has ended; leave temperatures to the thermal observer.
 
         Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
         """
+        if self._part is not None and begin_ns // PART_NS != self._part:
+            self._end_part()
         if not self.thermal.on:
             return reading_degc, reading_degc
+        self.thermal.begin(begin_ns, stuck)
         return self.thermal.estimate(reading_degc, viscous, std, shared, quality)
 
     def learned(

@@ -15,7 +15,7 @@ import numpy as np
 
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
 WINDOW = 5.0  # shortest window [s]
 METER_WAIT = 2_000_000_000  # ns
@@ -45,7 +45,7 @@ class MeterWindows:
     def __init__(self, energies: int, curve: MeterCurve) -> None:
         self.location = MeterLocation.UNKNOWN
         self._curve = curve
-        self._pieces = CoveredPieces.empty()
+        self._pieces = NO_PIECES
         self._begin(energies)
 
     def _begin(self, energies: int) -> None:
@@ -67,8 +67,9 @@ class MeterWindows:
         self.location = block.location
         for number, part in enumerate(self._curve.step(block)):
             if number:
-                self._pieces = CoveredPieces.empty()
-            self._pieces = self._pieces.join(part)[slice(-MAX_PIECES, None)]
+                self._pieces = NO_PIECES
+            whole = CoveredPieces.concatenate([self._pieces, part])
+            self._pieces = whole[slice(-MAX_PIECES, None)]
 
     def step(self, stamp_ns: Int, segment: Int, power: Float, until_ns: int) -> Iterator[Window]:
         """Yield the windows that are complete with these powers, in order of time.

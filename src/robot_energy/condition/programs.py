@@ -96,9 +96,5 @@ def _nearest(work: tuple[float, ...], known: Sequence[tuple[float, ...]]) -> int
 
 
 def columns(number: int) -> slice:
-    """Return where the coefficients of a program stand among those of all programs.
-
-    Args:
-        number: Of the program, from 1.
-    """
+    """Return where the coefficients of a program, from 1, stand among those of all programs."""
     return slice(OWN * (number - 1), OWN * number)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
 from robot_energy.condition.joint_friction import MotionSums
 from robot_energy.condition.record import Number, Numbers, Stamp

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
-from robot_energy.certainty.band import power_std
+from robot_energy.certainty.deviation import power_std
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import MeterLocation, known_part, sum_over_joints
 

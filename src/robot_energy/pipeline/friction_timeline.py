@@ -204,7 +204,7 @@ class FallbackUse:
     def note(
         self, stamp_ns: Int, temperature_degc: Float, seen_ns: Int, timeline: FrictionTimeline
     ) -> None:
-        """Take samples.
+        """Take samples of which one lacks a temperature; `samples` counts them already.
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
@@ -212,9 +212,6 @@ class FallbackUse:
             seen_ns: Stamps of the temperatures known at the last sample, shape (n,); 0 where
                 none is. [ns]
         """
-        self.samples += len(stamp_ns)
-        if np.isfinite(temperature_degc.sum()):
-            return
         lacking = np.logical_or.reduce(np.isnan(temperature_degc), axis=1)
         count = int(lacking.sum())
         if bool((seen_ns > 0).all()):

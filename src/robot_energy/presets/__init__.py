@@ -41,11 +41,7 @@ class RobotPreset(Kind):
         return cast("dict[str, Any]", document)["/**"]["ros__parameters"]
 
     def model_or(self, given: str | None) -> str:
-        """Return the model to use: the given one, or the shipped one.
-
-        Args:
-            given: Model file or name of a shipped model; None or empty for the preset's own.
-        """
+        """Return the model to use: the given one, or the shipped one."""
         if given or self.model:
             return given or self.model
         raise ModelFileError(

@@ -22,7 +22,7 @@ from robot_energy.replay import bag_replay
 from robot_energy.replay.bag_replay import Replay
 from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.power_table import empty_table, period_table, sample_table
+from robot_energy.replay.power_table import power_table
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
@@ -127,12 +127,7 @@ def replay(
     pieces: list[Compared] = []
     result = bag_replay.replay(bag, used, setup, on_output=take, on_compared=pieces.append)
     compared, names = pieces if result.topics.meter else None, used.joint_names
-    if blocks:
-        power = sample_table(PowerBlock.concatenate(blocks), names, compared, used.unmodelled)
-    elif means:
-        power = period_table(MeanBlock.concatenate(means), names, compared, used.unmodelled)
-    else:
-        power = empty_table(names)
+    power = power_table(blocks or means, names, compared, used.unmodelled)
     report = replay_report(result, change)
     return ReplayResult(
         bag=result.bag,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -19,15 +17,10 @@ if TYPE_CHECKING:
 
 Member = TypeVar("Member", bound=StrEnum)
 ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
-Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
 
 def model_of(model: ModelName) -> RobotModel:
-    """Return a model, loaded if it is a name.
-
-    Args:
-        model: A model, its file, or the name of a shipped one.
-    """
+    """Return a model, loaded if it is a name."""
     return model if isinstance(model, RobotModel) else load(model)
 
 
@@ -44,20 +37,8 @@ def member_named(kind: type[Member], what: str, name: str) -> Member:
 
 
 def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
-    """Return the inputs of a file, a robot, or both, and a sentence for each misspelt name.
-
-    Args:
-        path: Parameter file of a monitor, whose values override these; None for none.
-        robot: Name of a robot in `ROBOTS`; None for none.
-    """
+    """Return the inputs of a robot in `ROBOTS`, those of a file over them, and misspelt names."""
     if robot is None:
         return (None, []) if path is None else read_inputs(path)
     preset = ROBOTS[robot]
     return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
-
-
-@contextmanager
-def silent(label: str) -> Generator[Callable[[float], None]]:
-    """Yield what is called with the share done, 0 to 1, and shows nothing."""
-    del label
-    yield lambda share: None

@@ -92,11 +92,7 @@ class RecordedJobs:
         self._is_open = False
 
     def notes(self, start_ns: int | None) -> list[str]:
-        """Return what a reader of the jobs should know, one sentence each.
-
-        Args:
-            start_ns: First sample of the recording; None if there is none. [ns since 1970]
-        """
+        """Return what a reader of the jobs should know, one sentence each."""
         if self._names and not (self.closed or self.left_out) and start_ns is not None:
             first_ns = int(self._bounds_ns[0, 0])
             return [

@@ -122,11 +122,7 @@ def read_steps(
     by_second: bool,
     jobs: RecordedJobs,
 ) -> Generator[BagStep]:
-    """Yield steps without torque, a part of the bag each; the last one has the inputs.
-
-    Args:
-        spans: From when to when each topic is read; all of it where it is not named. [ns]
-    """
+    """Yield steps without torque, a part of the bag each; the last one has the inputs."""
     metered = tuple(inputs.meter.source.topics) if topics.meter else ()
     states = topics.joint_states or ()
     auxiliary = [
@@ -172,11 +168,7 @@ def read_steps(
 def torque_steps(
     steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader, whole: bool
 ) -> Generator[BagStep]:
-    """Yield the steps with torque; the last one has both stages.
-
-    Args:
-        whole: Whether the joint side is of use to anybody; it is left out otherwise.
-    """
+    """Yield the steps with torque, ``whole`` with its joint side; the last one has both stages."""
     for step in steps:
         if step.payload is not None:
             known = len(payload.changes)

@@ -27,11 +27,7 @@ class Topics(Described):
 
 
 def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:
-    """Return the topics to use in a bag; those of temperatures and meter stay as named.
-
-    Args:
-        inputs: Inputs of the node that the bag is to be read like; None to go by types.
-    """
+    """Return the topics to use in a bag; those of temperatures and meter stay as named."""
     if not bag.topics and bag.problems:
         raise BagError(
             f"{bag.path} holds no message that can be read: {bag.problems[0]}",

@@ -50,12 +50,7 @@ class ReplaySetup:
 
     @classmethod
     def of(cls, options: ReplayOptions) -> ReplaySetup:
-        """Return what options mean.
-
-        Args:
-            options: As they were given; None counts as not given. Without a ``power_period`` there
-                are no means, unless they are needed.
-        """
+        """Return what options mean; without ``power_period`` there are no means unless needed."""
         given: dict[str, Any] = {key: one for key, one in options.items() if one is not None}
 
         def chosen(*names: str) -> dict[str, Any]:

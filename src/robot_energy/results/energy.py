@@ -7,8 +7,7 @@ from typing import Annotated, Any
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.certainty.band import Z90, energy_std, energy_variances
-from robot_energy.certainty.deviation import names_of
+from robot_energy.certainty.deviation import Z90, energy_std, energy_variances, names_of
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
@@ -245,11 +244,7 @@ def common_figures(
 
 
 def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakdown:
-    """Return where the energy went, and whether the parts sum to what the grid gave.
-
-    Args:
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`.
-    """
+    """Return where the energy went, and whether the parts sum to what the grid gave."""
     cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
     joints = {
         name: math.fsum(registers.joints(name).tolist())
@@ -294,11 +289,7 @@ def _joints_of(
 
 
 def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave.
-
-    Args:
-        energy: The parts, with what is left of the balance. [J]
-    """
+    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
     if energy.balanced:
         return []
     return [

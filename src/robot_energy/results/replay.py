@@ -135,11 +135,7 @@ class ReplayReport(EnergyReport, name="replay"):
 def replay_report(
     result: Replay, change: str | None = None, compared_with: ReplayReport | None = None
 ) -> ReplayReport:
-    """Return all figures of a replay.
-
-    Args:
-        change: What was changed about the model, for example fixed friction.
-    """
+    """Return all figures of a replay."""
     account, topics = result.account, result.topics
     learner = result.pipeline.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()

@@ -18,14 +18,7 @@ from robot_energy.store.slots import SlotPair, Stored
 
 
 class ConditionStore(SlotStore[Any]):
-    """Keeps learned figures in state files, or estimated temperatures.
-
-    Args:
-        model: The robot's model; another model file has other state files.
-        folder: Where they lie; None keeps nothing.
-        submit: Does work on the disk; jobs must run one after the other.
-        node: Full name of the node that learns. Empty for none.
-    """
+    """Keeps learned figures or estimated temperatures in state files; without a folder, nothing."""
 
     def __init__(
         self,

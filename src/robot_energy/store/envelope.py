@@ -24,9 +24,6 @@ SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 def open_unlinked(path: Path, flags: int, mode: int = 0o644) -> int:
     """Return the descriptor of a regular file.
 
-    Args:
-        path: The file; its last part must not be a link.
-
     Raises:
         OSError: If it cannot be opened, or is a link, pipe, device or folder.
     """
@@ -90,9 +87,7 @@ def is_newer(sequence: int, other: int) -> bool:
 def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
     """Return sequence number and payload of a state file.
 
-    Args:
-        content: All bytes of the file; what stands behind the payload is ignored, since a
-            shorter state may have been written over a longer one.
+    What stands behind the payload is ignored: a shorter state may lie over a longer one.
     """
     if not content:
         raise StateFileError("an empty file", "a state file")

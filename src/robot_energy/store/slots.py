@@ -48,12 +48,7 @@ class Stored(Generic[T]):
 
 
 class SlotPair(Generic[T]):
-    """The state files of one robot.
-
-    Args:
-        folder: Where they lie; it is made if it does not exist.
-        read: Turns a payload into a state; raises `StateFileError` if it cannot.
-    """
+    """The state files of one robot; ``read`` may raise `StateFileError` for a payload."""
 
     def __init__(self, folder: Path, name: str, version: int, read: Callable[[bytes], T]) -> None:
         self.folder = folder

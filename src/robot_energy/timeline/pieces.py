@@ -33,16 +33,6 @@ class CoveredPieces(Block):
     start_power: Float
     end_power: Float
 
-    @classmethod
-    def empty(cls) -> CoveredPieces:
-        """No pieces."""
-        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        return cls(none, none, nothing, nothing)
-
-    def join(self, later: CoveredPieces) -> CoveredPieces:
-        """Return these pieces followed by later ones."""
-        return CoveredPieces.concatenate([self, later]) if len(self) else later
-
     @property
     def duration(self) -> Float:
         """How long each piece is, shape (N,). [s]"""
@@ -107,11 +97,10 @@ class Compared(Block):
     predicted: Float
     drawn: Float
 
-    @classmethod
-    def empty(cls) -> Compared:
-        """No intervals."""
-        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
-        return cls(none, none, nothing, nothing, nothing)
+
+_TIMES, _VALUES = np.empty(0, dtype=np.int64), np.empty(0)
+NO_PIECES = CoveredPieces(_TIMES, _TIMES, _VALUES, _VALUES)
+NO_INTERVALS = Compared(_TIMES, _TIMES, _VALUES, _VALUES, _VALUES)
 
 
 class NewestMinute:

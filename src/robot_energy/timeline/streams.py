@@ -229,21 +229,15 @@ class EpochSplitter:
                 self.behind += len(late)
                 self.behind_ns = -int(late[-1])
                 self.odd_ns = newest
-        self._keep(steps)
+        self._periods = np.concatenate([self._periods, steps[-HISTORY:]])[-HISTORY:]
         self._accepted += len(stamp)
         self.newest_ns = newest
         return EpochRun(None, rising=rising)
 
-    def _keep(self, periods: Int) -> None:
-        if len(periods) >= HISTORY:
-            self._periods = periods[-HISTORY:].copy()
-        elif len(periods):
-            self._periods = np.concatenate([self._periods, periods])[-HISTORY:]
-
     def _learn(self, step: int) -> None:
         """Keep a step that may be a period of the stream."""
         if 0 < step <= self._reach.max_ahead_ns:
-            self._keep(np.array([step], dtype=np.int64))
+            self._periods = np.append(self._periods, step)[-HISTORY:]
 
     def _ahead_ns(self) -> int:
         """How far ahead of the newest stamp one may lie now. [ns]"""

@@ -11,7 +11,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.errors import MotionError, ParameterError, RobotEnergyError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
@@ -40,9 +40,9 @@ from robot_energy_fleet.advice.dataset_evidence import (
     of_all,
 )
 from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
-from robot_energy_fleet.history_tables import is_history
 from robot_energy_fleet.options import AdviseOptions
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
+from robot_energy_fleet.tables import is_history
 from robot_energy_plan.api.optimize import optimize
 from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_report.formats import percent

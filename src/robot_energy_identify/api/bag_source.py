@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
-from robot_energy.replay.inputs import Stages, driver_inputs, effort_meaning, silent
+from robot_energy.replay.inputs import driver_inputs, effort_meaning
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.options import EFFORTS
+from robot_energy_identify.options import EFFORTS, Stages, silent
 
 if TYPE_CHECKING:
     from robot_energy.inputs.sources import Inputs
@@ -99,20 +99,14 @@ class BagSource:
         return found
 
     def friction_data(self, model: RobotModel) -> list[FrictionData]:
-        """Return what is needed to identify friction, one entry per joint.
-
-        Argument as in `BagSource.recordings`.
-        """
+        """Return what is needed to identify friction, one entry per joint."""
         from robot_energy_identify.friction.samples import friction_data
 
         recordings = self.with_effort(model)
         return [friction_data(recordings, joint) for joint in range(len(model.joints))]
 
     def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
-        """Return evenly sampled motion and torque of each recording by its name.
-
-        Argument as in `BagSource.recordings`.
-        """
+        """Return evenly sampled motion and torque of each recording by its name."""
         found = self._channels(model)
         give_back_freed_memory()  # of the recordings, which take more than their motion
         return found

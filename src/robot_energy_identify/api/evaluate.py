@@ -10,7 +10,6 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from robot_energy.certainty.prediction_errors import TorqueErrorSums
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.options import takes
 from robot_energy.model import RobotModel
@@ -32,7 +31,7 @@ from robot_energy_identify.results.evaluation import (
     ScoreSums,
     seen_in_fit,
 )
-from robot_energy_identify.stats.low_pass_error import LowPassTorqueError
+from robot_energy_identify.stats.torque_errors import LowPassTorqueError, TorqueErrorSums
 
 WIDER = 5.0  # window of accelerations that is tried, over that of the monitor [-]
 BETTER = 0.9  # torque error with it over that without, from which on it is worth a sentence [-]

@@ -11,7 +11,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel, save
-from robot_energy.replay.inputs import ModelName, model_of, silent
+from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.results.base import Result
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource
@@ -25,7 +25,7 @@ from robot_energy_identify.dynamics.dynamics import DynamicsSettings
 from robot_energy_identify.dynamics.dynamics import identify_dynamics as fit_dynamics
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_identify.friction_and_thermal import find_friction, find_thermal
-from robot_energy_identify.options import IdentifyOptions, SourceOptions
+from robot_energy_identify.options import IdentifyOptions, SourceOptions, silent
 from robot_energy_identify.plausibility import check_cabinet, check_dynamics, check_signs
 from robot_energy_identify.provenance import hashed, identified_from, require_distinct, require_some
 from robot_energy_identify.refused_recordings import (

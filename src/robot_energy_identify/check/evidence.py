@@ -245,7 +245,6 @@ def moving(model: RobotModel, stamps: Int, velocity: Float) -> NDArray[np.bool_]
     """Return which samples of which joint move, shape (N, n).
 
     Args:
-        model: With what counts as standstill.
         stamps: Rising, shape (N,). [ns]
         velocity: Shape (N, n). [rad/s] or [m/s]
     """

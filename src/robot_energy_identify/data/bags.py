@@ -172,7 +172,7 @@ class Bag(Described):
         return self.kept.piece(span, read)
 
     def read(self, model: RobotModel) -> list[Recording]:
-        """Return the stretches that count, each as a recording; argument as in `Bag.whole`."""
+        """Return the stretches that count, each as a recording."""
         return self._parts(self.whole(model))
 
     def _parts(self, recording: Recording) -> list[Recording]:

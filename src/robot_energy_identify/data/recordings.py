@@ -373,10 +373,6 @@ def read_recording(
 
     Returns:
         The recording, whose memory does not grow with its length.
-
-    Raises:
-        BagError: If the bag gives not one torque.
-        RobotEnergyError: If bag or model cannot be used.
     """
     kept = Thinned(most)
     settings = Settings(effort=effort, power_period=None, deviations=False)

@@ -163,7 +163,6 @@ def with_response(
     Args:
         low_pass: Time constant of a low pass; None where it cannot be determined.
         delay: Of the readings; a negative one is a clock and not a meter.
-        source: Where the data come from.
 
     Returns:
         The model itself where nothing is sure.

@@ -18,7 +18,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError, check_shape
 from robot_energy.timeline.blocks import Float, Int

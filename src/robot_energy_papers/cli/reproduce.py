@@ -113,7 +113,8 @@ def _run(args: Namespace) -> int:
 
     name = args.paper.replace("-", "_")
     package = "robot_energy_papers" if args.paper in PAPERS else "robot_energy_studies"
-    paper, page = (import_module(f"{package}.{name}{part}") for part in ("", "_page"))
+    paper = import_module(f"{package}.{name}")
+    page = import_module(f"{package}.{name}_page") if args.paper in PAPERS else paper
     workers = getattr(args, "workers", 1) or (1 if args.quick else WORKERS)
     with study_folder(args.out, args.overwrite) as folder:
         with progress("recording, identifying, testing") as report:

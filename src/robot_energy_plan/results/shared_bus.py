@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.results.model import ModelUsed, model_used
 from robot_energy.timeline.blocks import Float

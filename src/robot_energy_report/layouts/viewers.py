@@ -209,11 +209,7 @@ def _area(parent: ElementTree.Element, plot: Plot) -> None:
 
 
 def rqt(pages: Sequence[Page]) -> str:
-    """Return a perspective. rqt_plot names fields as PlotJuggler does.
-
-    Args:
-        pages: Of which the first is shown: rqt has no tabs of plots.
-    """
+    """Return a perspective of the first page: rqt has no tabs. Fields as PlotJuggler names them."""
     groups: dict[str, Any] = {}
     for number, plot in enumerate(pages[0].plots, start=1):
         settings = {
@@ -287,11 +283,7 @@ LAYOUTS = Kinds(
 
 
 def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
-    """Return the files of the layouts of all viewers; earlier ones of this tool are replaced.
-
-    Args:
-        folder: Folder of the files; made if it is missing.
-    """
+    """Return the files of the layouts of all viewers; earlier ones of this tool are replaced."""
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,7 @@ from robot_energy.results.model import count_tags
 from robot_energy.results.replay import replay_report
 from robot_energy_logs.log_import import import_log
 from robot_energy_report.replay import beyond_constant, headline
-from robot_energy_report.series import compared_series, predicted_series
+from robot_energy_report.replay_figures import compared_series, predicted_series
 from robots import figure, one_wheel, two_link
 
 SECONDS = 10.0

@@ -371,10 +371,7 @@ def _key(found: Walk, data: bytes) -> bytes:
 
 
 def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
-    """Return stamps of a run whose ``sec`` and ``nanosec`` were decoded.
-
-    Args:
-        run: A run with the columns ``<path>.sec`` and ``<path>.nanosec``.
+    """Return stamps of a run, of its columns ``<path>.sec`` and ``<path>.nanosec``.
 
     Returns:
         Time since the epoch, int64, shape (m, ...); ``INVALID_STAMP_NS`` where the

@@ -69,11 +69,7 @@ Plan: TypeAlias = View | Stack
 
 
 def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
-    """Return one view of the numbers of a field where their places are regular, else a stack.
-
-    Args:
-        order: Byte order, ``<`` or ``>``.
-    """
+    """Return one view of the numbers of a field where their places are regular, else a stack."""
     dtype, native = _types(order, number.code)
     if isinstance(value, Slot):
         shape = () if value.count is None else (value.count,)
@@ -142,11 +138,7 @@ def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
 
 
 def nested(value: Any, names: list[str], leaf: Callable[[Any], Any]) -> Any:
-    """Return one field out of a tree of values, arrays of messages in ``leaf`` containers.
-
-    Args:
-        leaf: What to do with a list at an array of messages (``list`` or ``tuple``).
-    """
+    """Return one field out of a tree of values, arrays of messages in ``leaf`` containers."""
     if isinstance(value, list):
         items: list[Any] = value  # pyright: ignore[reportUnknownVariableType]
         return leaf(nested(item, names, leaf) for item in items)

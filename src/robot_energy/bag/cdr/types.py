@@ -101,11 +101,7 @@ def _shipped(name: str) -> Typesdict:
 
 
 def definition(name: str) -> str:
-    """Return the text of a message of ours, with its comments.
-
-    Args:
-        name: Without the package, such as ``PowerState``.
-    """
+    """Return the text of a message of ours, such as ``PowerState``, with its comments."""
     path = _MSG_FOLDER / f"{name}.msg"
     if not path.is_file():
         known = ", ".join(sorted(each.stem for each in _MSG_FOLDER.glob("*.msg")))

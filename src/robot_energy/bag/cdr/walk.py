@@ -43,11 +43,7 @@ class Slot:
     number: ScalarField
 
     def read(self, data: bytes, order: str) -> NDArray[Any]:
-        """Return the numbers of one message, shape (1,) or (1, count).
-
-        Args:
-            order: Byte order, ``<`` or ``>``.
-        """
+        """Return the numbers of one message in a byte order, shape (1,) or (1, count)."""
         count = 1 if self.count is None else self.count
         at = self.offset if count else 0
         found = np.frombuffer(data, order + self.number.code, count, at)

@@ -80,12 +80,7 @@ def check_file(
     inputs: Names = (),
     error: ErrorType = ReportError,
 ) -> None:
-    """Refuse an output file, before the work that it is for.
-
-    Args:
-        path: The file; ``-`` is the standard output.
-        inputs: Files and folders that the command reads; missing ones are ignored.
-    """
+    """Refuse an output file before the work that it is for; missing inputs are ignored."""
     if os.fspath(path) == STANDARD_OUTPUT:
         return
     target = checked_path(path, what, error)
@@ -271,11 +266,7 @@ def stream_number(target: Path) -> int | None:
 
 
 def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
-    """Return a device, pipe or descriptor open for writing; None for a file or an unused path.
-
-    Args:
-        failure: Makes the exception to raise of an error of the disk.
-    """
+    """Return a device, pipe or descriptor open for writing; None for a file or an unused path."""
     try:
         number = stream_number(target)
         if number is not None:
