@@ -38,7 +38,7 @@ from sensor_msgs.msg import JointState
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.store import slot_store
-from robot_energy.store.envelope import unwrap
+from robot_energy.store.slots import unwrap
 from ros2_energy_monitor.base import checkpoints
 from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor

@@ -25,7 +25,7 @@ INIT: Options = {
 
 def _run_list(args: Namespace) -> int:
     from robot_energy.model import load, shipped_models
-    from robot_energy.results.model import count_tags
+    from robot_energy.results.base import count_tags
     from robot_energy_report.formats import tags_text
 
     out, models = console(), shipped_models()

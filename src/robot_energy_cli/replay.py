@@ -161,7 +161,7 @@ def _explained(args: Namespace, report: ReplayReport, model: RobotModel) -> Repl
     if not _shafts_differ(report) or any((args.joint_states, args.meter, args.payload)):
         return report
     from robot_energy.bag.reader import TimeRange
-    from robot_energy.replay.inputs import driver_inputs, effort_meaning
+    from robot_energy.replay.setup import driver_inputs, effort_meaning
     from robot_energy_identify.check import check
 
     assert report.shaft is not None

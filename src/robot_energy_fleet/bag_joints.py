@@ -27,7 +27,7 @@ from xml.etree import ElementTree
 import numpy as np
 import polars as pl
 
-from robot_energy.condition.buckets import shares
+from robot_energy.condition.joint_friction import shares
 from robot_energy.condition.wear import WearMonitor
 from robot_energy.condition.wear_records import FEATURES, WearRecord
 from robot_energy.foundation.described import Described

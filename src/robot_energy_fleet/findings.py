@@ -19,8 +19,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from robot_energy.certainty.deviation import MEDIAN_TO_STD
-from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.drift import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
+from robot_energy.condition.joint_friction import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.condition.wear_records import WearRecord
 from robot_energy.foundation.time_zone import local_time

@@ -19,7 +19,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
-from robot_energy.store.envelope import open_unlinked, read_regular
+from robot_energy.store.slots import open_unlinked, read_regular
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50

@@ -15,7 +15,7 @@ from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import Figure
 from robot_energy.model.joint import Joint
 from robot_energy.physics.friction import viscous_law
-from robot_energy.results.model import count_tags
+from robot_energy.results.base import count_tags
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.bounds import not_identified
 from robot_energy_identify.cabinet.cabinet import CabinetFit

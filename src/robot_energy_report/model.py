@@ -7,8 +7,7 @@ from typing import Annotated
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.results.base import Result, Texts
-from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.results.base import ModelUsed, Result, Texts, model_used
 from robot_energy_identify.starter.model_remarks import implausible
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import significant

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy.results.model import ModelUsed
+from robot_energy.results.base import ModelUsed
 from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import MAX_TICK, SERIES, Axes, Target, canvas

@@ -35,8 +35,8 @@ MODULES = {
         friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline buckets drift joint_friction learner meter_fit meter_windows
-        programs record thermal_observer thermal_state wear wear_records
+        baseline drift joint_friction learner meter_fit record thermal_observer
+        thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
         config_file described errors extras kinds options process_memory schema_errors
@@ -78,14 +78,14 @@ MODULES = {
         settings torque_stage work_sums
     """,
     "robot_energy.replay": """
-        api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
-        replay_steps replay_topics setup
+        api bag_replay energy_bag options power_table read_ahead recorded_jobs
+        replay_steps setup
     """,
     "robot_energy.results": """
-        auxiliary base condition energy model normalised replay
+        auxiliary base energy replay
     """,
     "robot_energy.store": """
-        account_store condition_store envelope slot_store slots
+        account_store condition_store slot_store slots
     """,
     "robot_energy.timeline": """
         blocks pieces stamps streams time_series
@@ -95,7 +95,8 @@ MODULES = {
         history_output identify_all identify_drives identify_dynamics identify_excitation
         identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
         layouts listings main model_reference models monitoring optimize predict replay
-        replay_arguments report result_schema shared_bus simulate stopping terminal test tool_options
+        replay_arguments report result_schema shared_bus simulate stopping terminal
+        test tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify

@@ -280,10 +280,7 @@ class EnergyAccount:
     def precede(self, record: AccountRecord) -> None:
         """Put a record before what was counted since: nothing of either is lost.
 
-        For state files that can be read only some time after the start.
-
-        Args:
-            record: Ends no later than this account begins; same joints in the same order.
+        For state files that can be read only some time after the start, of the same joints.
         """
         carry_into(self, record)
         self.restarts += 1
@@ -331,19 +328,11 @@ class EnergyAccount:
             self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Return a job interval that begins at the newest counted sample.
-
-        Args:
-            name: Unique among the open intervals, 1 to 100 printable characters.
-        """
+        """Return a job interval of a name that is not open, from the newest counted sample on."""
         return self.intervals.open(name, self.end_ns, self.totals())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """Return a job interval, ended at the newest counted sample.
-
-        Args:
-            interval_id: Its number; 0 for none.
-        """
+        """Return a job interval, by number or name, ended at the newest counted sample."""
         return self.intervals.close(name, interval_id, self.end_ns or 0, self.totals())
 
     def list_intervals(self) -> list[EnergyInterval]:

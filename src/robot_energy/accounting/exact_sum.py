@@ -241,11 +241,7 @@ class Standby:
             self.ns = min(self.ns + self._rest_ns, MAX_COUNTER)
 
     def add(self, ns: int, microjoule: int, remainder: int) -> None:
-        """Add what was counted elsewhere.
-
-        Args:
-            remainder: What it holds beyond. [2^-40 uJ]
-        """
+        """Add what was counted elsewhere, with a remainder [2^-40 uJ]."""
         self.energy.add_sums(np.array([microjoule]), np.array([remainder]))
         self.ns = min(self.ns + ns, MAX_COUNTER)
 

@@ -212,11 +212,7 @@ class AccountRecord(RecordPart):
         return self
 
     def arranged(self, joint_names: Sequence[str], loads: Sequence[str] = ()) -> AccountRecord:
-        """Return the record for the same joints in another order.
-
-        Args:
-            loads: Names of the auxiliary loads that are counted from now on.
-        """
+        """Return the record for the same joints in another order, and the loads that count now."""
         order = [self.identity.joint_names.index(name) for name in joint_names]
 
         def interval(entry: OpenInterval) -> OpenInterval:

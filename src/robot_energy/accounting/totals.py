@@ -56,11 +56,7 @@ SINGLE = (
 
 
 def saturated(value: int) -> int:
-    """Return a counter, at its limit if it is beyond.
-
-    Args:
-        value: The counter; its limits are plus and minus ``MAX_COUNTER``.
-    """
+    """Return a counter, at its limit if it is beyond."""
     return max(-MAX_COUNTER, min(value, MAX_COUNTER))
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
 from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_file
 from robot_energy.bag.sources import BagContents, TopicInfo
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
@@ -26,17 +26,14 @@ if TYPE_CHECKING:
     from robot_energy.bag.cdr.lazy_store import LazyStore
 
 
-@dataclass(frozen=True)
-class TimeRange:
-    """From where to where a bag is read.
+class TimeRange(Described):
+    """From where to where a bag is read."""
 
-    Attributes:
-        start: After the first message; negative: before the last one; None: from the first. [s]
-        end: Likewise; None: to the last. [s]
-    """
-
-    start: float | None = None
-    end: float | None = None
+    start: Annotated[
+        float | None,
+        "After the first message; negative: before the last one; None: from the first. [s]",
+    ] = None
+    end: Annotated[float | None, "Likewise; None: to the last. [s]"] = None
 
     def __bool__(self) -> bool:
         """Return whether anything is left out."""

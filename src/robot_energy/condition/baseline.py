@@ -8,19 +8,21 @@ its residual says how large the scatter is. Both sums stay as small after years.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.buckets import SPEED_BUCKETS
-from robot_energy.condition.programs import OWN, columns
+from robot_energy.condition.joint_friction import SPEED_BUCKETS
 from robot_energy.condition.record import ContrastEntry, filled, flat
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
+    OWN,
     RECORD_TIME,
     WearRecord,
+    columns,
 )
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 # Standard deviations of the coefficients, before any record.
@@ -48,19 +50,12 @@ PRIOR_CONTRASTS = 6.0  # weight of the stated scatter against that of the contra
 MIN_SHARE, MAX_SHARE = 0.01, 100.0  # of the stated variance
 
 
-@dataclass(frozen=True)
-class Baseline:
-    """What is known of the baseline.
+class Baseline(Described):
+    """What is known of the baseline."""
 
-    Attributes:
-        mean: Coefficients, shape (m,). [-]
-        covariance: Of these, shape (m, m). [-]
-        scatter: Variance of a record, in units of `scatter`. [-]
-    """
-
-    mean: Float
-    covariance: Float
-    scatter: float
+    mean: Annotated[Float, "Coefficients, shape (m,). [-]"]
+    covariance: Annotated[Float, "Of these, shape (m, m). [-]"]
+    scatter: Annotated[float, "Variance of a record, in units of `scatter`. [-]"]
 
 
 class Contrasts:

@@ -8,21 +8,19 @@ nothing depends on how the input is cut, and a replay learns what the monitor ha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
-from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
-from robot_energy.condition.meter_fit import MeterFit
-from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, interpolated
+from robot_energy.condition.meter_fit import METER_WAIT, MeterFit, MeterWindows, Window
 from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import WearMonitor, WearState
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
@@ -63,23 +61,16 @@ class ConditionRecord(ConditionPart):
     wear: WearState
 
 
-@dataclass(frozen=True)
-class _InUse:
-    """Learned figures that hold for one part.
+class _InUse(Described):
+    """Learned figures that hold for one part."""
 
-    Attributes:
-        table: Multipliers of the joints with torque, shape (n, ...), see `FrictionLearner.table`.
-        by_torque: Which joints these are, shape (n,).
-        factor: On the friction of the others. [-]
-        offset: Of the constant losses. [W]
-        at_bus: Whether the offset is on the DC side.
-    """
-
-    table: Float
-    by_torque: NDArray[np.bool_]
-    factor: float
-    offset: float
-    at_bus: bool
+    table: Annotated[
+        Float, "Multipliers of the joints with torque, shape (n, ...), see `FrictionLearner.table`."
+    ]
+    by_torque: Annotated[NDArray[np.bool_], "Which joints these are, shape (n,)."]
+    factor: Annotated[float, "On the friction of the others. [-]"]
+    offset: Annotated[float, "Of the constant losses. [W]"]
+    at_bus: Annotated[bool, "Whether the offset is on the DC side."]
 
     @property
     def any(self) -> bool:

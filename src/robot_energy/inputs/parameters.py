@@ -161,12 +161,7 @@ def named_groups(
 
 
 def assemble(cls: type[D], value_of: Callable[[Parameter], Any], owner: str) -> D:
-    """Return an instance of a dataclass, made of its parameters.
-
-    Args:
-        cls: A dataclass whose fields were made by the functions of this module.
-        value_of: Gives the value of a parameter, checked; called once for each, in order.
-    """
+    """Return an instance of a dataclass of parameters, each asked for once, in order."""
     taken = {entry.name for entry in fields(cls)}
     return _assemble(cls, value_of, owner, "", taken)
 

@@ -62,12 +62,7 @@ class RejectionLog:
     waiting: int = 0
 
     def reject(self, reason: str, count: int = 1) -> None:
-        """Count rejected messages.
-
-        Args:
-            reason: One word or several with underscores, such as ``wrong_length``.
-            count: How many; nothing is noted for 0.
-        """
+        """Count rejected messages."""
         if count:
             self.rejected[reason] += count
 
@@ -84,11 +79,7 @@ class RejectionLog:
         return left
 
     def lose(self, before: RejectionLog, arrived: int, reason: str) -> None:
-        """Count what has arrived since, and what waited then, as rejected: all of it was lost.
-
-        Args:
-            before: The counts before it arrived.
-        """
+        """Count what has arrived since, and what waited then, as rejected: all of it was lost."""
         self.received = before.received + arrived
         self.accepted = before.accepted
         self.rejected.clear()

@@ -67,11 +67,7 @@ class SetPayloadAnswer:
 
 
 def answer_set_payload(set_payload: SetPayload, request: Any) -> SetPayloadAnswer:
-    """Return the answer to a request, carried out; it never raises for what the request holds.
-
-    Args:
-        request: Of ``ros2_energy_msgs/srv/SetPayload``, as any message library has it.
-    """
+    """Return the answer to a request, carried out; it never raises for what the request holds."""
     header, inertia = request.payload.header, request.payload.inertia
     seconds, nanoseconds = int(header.stamp.sec), int(header.stamp.nanosec)
     from_ns = seconds * SECOND_NS + nanoseconds
@@ -126,9 +122,6 @@ class PayloadReader:
     The payload is a fact about the robot, not a figure of a model: messages that were
     written with another model file count as well. Messages of release 0.1 are read where the
     source has their definition.
-
-    Args:
-        typestore: Message definitions of the source; those known here by default.
 
     Attributes:
         refused: Why the last refused message was, one sentence; empty if none was.

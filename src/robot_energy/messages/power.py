@@ -20,11 +20,7 @@ LOAD_KINDS = {"auxiliary.state": np.int16, "auxiliary.remarks": np.uint8}  # not
 
 
 class PowerStateWriter:
-    """Serialises means, one message per period.
-
-    Args:
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
-    """
+    """Serialises means, one message per period; parts that the model lacks are NaN."""
 
     def __init__(
         self,

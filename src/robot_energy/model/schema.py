@@ -36,6 +36,7 @@ from robot_energy.model.payload import Payload
 from robot_energy.timeline.blocks import MeterLocation
 
 SCHEMA_VERSION = 1
+LATE = ("auxiliary", "meter", "hold", "covariance")  # keys that count in an identity where present
 
 
 class Coupling(ModelEntry):
@@ -271,10 +272,8 @@ def _known_drive(name: str) -> str:
 
 
 @documented
-class RobotModel(LateEntry, Shown):
+class RobotModel(ModelEntry, Shown):
     """One robot's model file, validated."""
-
-    LATE = ("auxiliary", "meter", "hold", "covariance")
 
     schema_version: Annotated[Literal[1], "Version of this schema."]
     robot: Annotated[RobotType, "Which machine it is."]
@@ -378,7 +377,8 @@ class RobotModel(LateEntry, Shown):
     @property
     def model_id(self) -> str:
         """Short hash over every figure and the URDF: equal ids give equal watts."""
-        digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"}).encode())
+        late = {name for name in LATE if getattr(self, name) is None}
+        digest = hashlib.sha256(self.model_dump_json(exclude={"urdf"} | late).encode())
         digest.update(self._urdf_xml.encode())
         return digest.hexdigest()[:12]
 

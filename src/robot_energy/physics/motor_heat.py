@@ -109,11 +109,7 @@ class GearHeat:
 
     @classmethod
     def of(cls, entries: Sequence[JointGear | None]) -> GearHeat:
-        """Return the gears that a model file describes.
-
-        Args:
-            entries: One per joint; None for a gear that follows its motor.
-        """
+        """Return the gears that a model file describes; None for one that follows its motor."""
         rows = [(np.inf, 0.0, 0.0, 0.0) if entry is None else _gear_row(entry) for entry in entries]
         return cls(*np.array(rows, dtype=np.float64).reshape(-1, 4).T)
 

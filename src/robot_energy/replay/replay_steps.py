@@ -25,7 +25,7 @@ from robot_energy.messages.payload import PayloadReader
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.recorded_jobs import RecordedJobs
-from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import Topics
 from robot_energy.timeline.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
 
 if TYPE_CHECKING:

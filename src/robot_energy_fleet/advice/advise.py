@@ -18,10 +18,9 @@ from robot_energy.foundation.shown import Shown
 from robot_energy.foundation.units import DAY, JOULE_PER_KWH
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.model import model_used
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
+from robot_energy.results.base import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
 from robot_energy_fleet.advice.claims import (
     LONG_REST,

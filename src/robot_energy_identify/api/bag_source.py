@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
-from robot_energy.replay.inputs import driver_inputs, effort_meaning
+from robot_energy.replay.setup import driver_inputs, effort_meaning
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.options import EFFORTS, Stages, silent
 

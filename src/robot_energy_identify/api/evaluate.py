@@ -16,10 +16,9 @@ from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.api import FALLBACK, fixed_friction
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.model import model_used
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
+from robot_energy.results.base import model_used
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.provenance import sha256_of

@@ -11,7 +11,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel, save
-from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.setup import ModelName, model_of
 from robot_energy.results.base import Result
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource

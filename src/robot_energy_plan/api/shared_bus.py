@@ -13,9 +13,8 @@ from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.load_motion import BAG, load_motion
 from robot_energy_plan.optimization.forms import holds_trajectory

@@ -7,14 +7,14 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from robot_energy.condition import programs
+from robot_energy.condition import wear_records
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts
-from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.condition.drift import MAX_RECORDS, DriftTest
-from robot_energy.condition.programs import OWN
+from robot_energy.condition.joint_friction import SPEED_BUCKETS
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
+    OWN,
     RECORD_TIME,
     WearRecord,
     degc_shares,
@@ -260,13 +260,13 @@ def test_levels_of_programs_survive_merging_and_a_restart():
 
 def test_a_program_that_is_forgotten_takes_no_level_along(monkeypatch):
     """Five programs in turn, and room for two: old ones are forgotten, and nothing is found."""
-    monkeypatch.setattr(programs, "MAX_PROGRAMS", 2)
+    monkeypatch.setattr(wear_records, "MAX_PROGRAMS", 2)
     assert outcome(programs_in_turn(3.0, True, 48.0))[1] == []
 
 
 def test_a_record_between_two_programs_is_dropped():
     one, between, other = (0.1, 0.2, 0.3, 0.4), (0.2, 0.2, 0.3, 0.3), (0.3, 0.2, 0.3, 0.2)
-    seen = programs.ProgramTable()
+    seen = wear_records.ProgramTable()
     works = (one, one, between, other, other, other, one)
     found = [seen.step(record(0, 0.0)._replace(work=work))[0] for work in works]
     assert [row is None for row in found] == [False, False, True, True, False, False, False]

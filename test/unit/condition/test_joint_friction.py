@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from accounts import power_block
-from robot_energy.condition.buckets import BUCKET_SPEED
-from robot_energy.condition.joint_friction import BOUNDS, FrictionLearner, MotionReader
+from robot_energy.condition.joint_friction import (
+    BOUNDS,
+    BUCKET_SPEED,
+    FrictionLearner,
+    MotionReader,
+)
 from robot_energy.timeline.blocks import Quality
 
 RATE = 100

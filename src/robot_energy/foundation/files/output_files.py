@@ -15,10 +15,10 @@ import stat
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
 from robot_energy.foundation.files.placement import OutputPlacement, all_or_none, remove_remains
 from robot_energy.foundation.shown_text import shown
@@ -38,16 +38,11 @@ Names = Iterable[str | os.PathLike[str]]
 ErrorType = type[RobotEnergyError]
 
 
-@dataclass(frozen=True)
-class FileKind:
-    """A kind of file and what its beginning or end holds if this tool wrote it.
-
-    Attributes:
-        start: First bytes of the file; empty for any.
-    """
+class FileKind(Described):
+    """A kind of file and what its beginning or end holds if this tool wrote it."""
 
     name: str
-    start: bytes
+    start: Annotated[bytes, "First bytes of the file; empty for any."]
     mark: bytes
 
 

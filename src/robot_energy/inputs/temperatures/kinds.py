@@ -60,11 +60,7 @@ class Adapter(Protocol):
         ...
 
     def read(self, run: Run, /) -> Said | str:
-        """Return what messages of one layout say, or the reason why they cannot be used.
-
-        Args:
-            run: m messages with the same names and lengths, decoded into columns.
-        """
+        """Return what messages of one layout say, or the reason why they cannot be used."""
         ...
 
 

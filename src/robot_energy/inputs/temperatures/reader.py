@@ -49,9 +49,6 @@ class TemperatureReader:
     temperatures change, the first reading of a joint in each tenth of a second counts.
     A fault code counts as no reading, unless the last other reading is within 2 K of it.
 
-    Args:
-        typestore: Message definitions of the source; those known here by default.
-
     Attributes:
         ignored_joints: Names met that are none of the source's joints.
         missing_readings: Values that were not numbers, in messages that were accepted.
@@ -86,11 +83,7 @@ class TemperatureReader:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
 
     def read(self, batches: Mapping[str, RawBatch]) -> TemperatureReadings | None:
-        """Return the readings in messages in order of arrival; None if there are none.
-
-        Args:
-            batches: Serialised messages by topic; topics of other sources are left alone.
-        """
+        """Return the readings in messages in order of arrival; None if there are none."""
         parts = [part for batch in self._pieces(batches) for part in self._decode(batch)]
         if not parts:
             return None

@@ -145,11 +145,7 @@ class TemperatureIngest:
         return next(each.rejections for each in self.readers if topic == each.source.topic)
 
     def arrivals(self, batches: Sequence[RawBatch]) -> list[tuple[RejectionLog, int]]:
-        """Return every account, with how many messages of some batches belong to it.
-
-        Args:
-            batches: At most one of each topic, values and names alike.
-        """
+        """Return every account, with how many messages of some batches belong to it."""
         counts = {batch.topic: len(batch) for batch in batches}
         pairs = [(each.rejections, each.source.topic) for each in self.readers]
         pairs += [(each.keys_account, each.keys_topic) for each in self.readers]

@@ -22,11 +22,7 @@ MAX_SLIDING = 20.0
 
 
 def limit_values(limit: ET.Element) -> dict[str, float]:
-    """Return what an element ``limit`` of a checked URDF says, by the key.
-
-    Args:
-        limit: Other attributes than the four of a URDF are left out.
-    """
+    """Return what an element ``limit`` of a checked URDF says, by the four keys of a URDF."""
     return {key: float(text) for key, text in limit.items() if key in LIMITS}
 
 
