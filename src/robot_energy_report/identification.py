@@ -9,6 +9,7 @@ import numpy as np
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.dc_link import LinkFit
+from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import fitted_laws
@@ -246,11 +247,14 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
     page.notes(fit.notes)
     fan = fit.fan
     if fan is not None:
+        shown = f"{fan.rests} rests of {counted(fan.recordings, 'recording')}; with a meter for "
+        shown += "all drives its power is then fitted together with their losses"
+        if not fan.rests:
+            shown = "levels of the power in recordings with it and without it; "
+            shown += f"{UNTIL_IT_RUNS} to find both more exactly"
         page.note(
             f"a fan takes {uncertain(fan.power, fan.std)} W once the warmest motor is above "
-            f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {fan.rests} rests of "
-            f"{counted(fan.recordings, 'recording')}; with a meter for all drives its power is "
-            "then fitted together with their losses"
+            f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {shown}"
         )
     elif fit.fan_reason:
         page.note(f"fan: {fit.fan_reason}")
