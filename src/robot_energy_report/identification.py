@@ -344,39 +344,36 @@ def _error_over_energy(fit: LinkFit, path: Target) -> None:
 def thermal_document(report: ThermalReport, page: Document) -> None:
     """Add the thermal networks of the motors."""
     unit = "J/K" if report.heat == "losses" else "A2 s/K"
-    if report.axes:
-        page.rows(
-            f"Thermal networks, air at {report.ambient_degc:.1f} degC",
-            [
-                Column("motor", "name"),
-                Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
-                Column(
-                    "time constant",
-                    lambda fit: fixed(0)(fit.motor_time_constant / 60.0),
-                    unit="min",
-                ),
-                Column(
-                    "structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit
-                ),
-                Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
-                Column("hours", "hours", fixed(1)),
-            ],
-            report.axes,
-        )
-        page.rows(
-            "RMS error of a free run on temperatures that the fit has not seen [K]",
-            [
-                Column("motor", "name"),
-                Column("tested on", "held_out"),
-                *(
-                    Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
-                    for order in ("one node", "two nodes")
-                ),
-                Column("chosen", "rms", fixed(2)),
-                Column("first reading held", "held_rms", fixed(2)),
-            ],
-            report.axes,
-        )
+    page.rows(
+        f"Thermal networks, air at {report.ambient_degc:.1f} degC",
+        [
+            Column("motor", "name"),
+            Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
+            Column(
+                "time constant",
+                lambda fit: fixed(0)(fit.motor_time_constant / 60.0),
+                unit="min",
+            ),
+            Column("structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit),
+            Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
+            Column("hours", "hours", fixed(1)),
+        ],
+        report.axes,
+    )
+    page.rows(
+        "RMS error of a free run on temperatures that the fit has not seen [K]",
+        [
+            Column("motor", "name"),
+            Column("tested on", "held_out"),
+            *(
+                Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
+                for order in ("one node", "two nodes")
+            ),
+            Column("chosen", "rms", fixed(2)),
+            Column("first reading held", "held_rms", fixed(2)),
+        ],
+        report.axes,
+    )
     page.notes(grouped(list(report.refused)))
     gear_tables(report.gears, page)
 
@@ -417,7 +414,6 @@ def states_document(report: LoadStatesReport, page: Document) -> None:
         for fit in report.fits
         if (held := fit.held_out) is not None
     ]
-    if rows:
-        columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
-        page.table("What the fit has not seen: predicted minus measured", columns, rows)
+    columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
+    page.table("What the fit has not seen: predicted minus measured", columns, rows)
     page.notes([note for fit in report.fits for note in fit.notes] + list(report.refused))
