@@ -64,17 +64,15 @@ class Idle(Described):
 
 @dataclass
 class _Epoch:
-    """Both curves of one epoch, as far as they are not compared.
-
-    Attributes:
-        newest_ns: Newest reading of the meter; None before the first. [ns]
-    """
+    """Both curves of one epoch, as far as they are not compared."""
 
     shown: ShownPower
     predicted: CoveredPieces = NO_PIECES
     measured: CoveredPieces = NO_PIECES
     done_ns: int | None = None
-    newest_ns: int | None = None
+    newest_ns: Annotated[int | None, "Newest reading of the meter; None before the first. [ns]"] = (
+        None
+    )
 
 
 class Comparison(ExactSum):

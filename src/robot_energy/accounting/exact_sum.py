@@ -196,15 +196,11 @@ class ExactSum:
 
 
 class Standby:
-    """Counts energy and time of every rest that has lasted `MIN_STANDBY`, from its beginning.
-
-    Attributes:
-        ns: Time in standby. [ns]
-    """
+    """Counts energy and time of every rest that has lasted `MIN_STANDBY`, from its beginning."""
 
     def __init__(self) -> None:
         self.energy = ExactSum(1)
-        self.ns = 0
+        self.ns = 0  # time in standby [ns]
         self.rest = ExactSum(1)  # of a rest that is not standby yet
         self._rest_ns = 0
         self._resting = False  # at the last sample

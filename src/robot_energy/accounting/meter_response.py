@@ -210,15 +210,11 @@ class LagEstimate:
     Over a stretch of 5 s a meter that is late by T shows ``T dy`` less than is drawn, ``dy``
     the step of the reading from its begin to its end; that is fitted to the newest ten
     minutes. Sums are integers, so the cutting of the input makes no difference.
-
-    Attributes:
-        since_ns: From when on each lag counts but the first. [ns]
-        lags: That later samples may ask for. [s]
     """
 
     def __init__(self) -> None:
-        self.since_ns: list[int] = []
-        self.lags = [0.0]
+        self.since_ns: list[int] = []  # from when on each lag counts but the first [ns]
+        self.lags = [0.0]  # that later samples may ask for [s]
         self._windows: deque[tuple[float, float]] = deque(maxlen=MAX_STRETCHES)
         self.jump()
 

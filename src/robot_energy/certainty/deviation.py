@@ -68,8 +68,7 @@ SLOT_NS, RECENT_SLOTS = 20_000_000, 25
 MAX_DEVIATION = 1e6  # no interval becomes too large for a register [W]
 Z90 = 1.6448536269514722
 """Half width of the middle 90 % of a normal distribution, over its standard deviation."""
-Z95 = 1.959964
-"""The same of the middle 95 %."""
+Z95 = 1.959964  # the same of the middle 95 %
 MEDIAN_TO_STD = 1.4826
 """Standard deviation of a normal variable over the median of its absolute deviation."""
 _FIRST = len(CABINET_DEVIATIONS)
