@@ -16,8 +16,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort import Effort
-from robot_energy.physics.effort_check import EffortCheck
+from robot_energy.physics.effort import Effort, EffortCheck
 from robot_energy.physics.equations import mapped
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline.settings import Settings
