@@ -18,13 +18,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
 from itertools import accumulate
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import NANOJOULE_PER_JOULE
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
@@ -39,8 +39,7 @@ MAX_LAG = 1.0  # that is found [s]
 SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
 
 
-@dataclass(frozen=True)
-class MeterResponse:
+class MeterResponse(Described):
     """How late a meter shows what is drawn."""
 
     time_constant: Annotated[float, "Of its low pass. [s]"] = 0.0
@@ -69,26 +68,16 @@ class MeterResponse:
         return cls(*values, stated=True)
 
 
-@dataclass(frozen=True)
 class _Followed(Block):
-    """Samples that the meter has followed.
+    """Samples that the meter has followed."""
 
-    Attributes:
-        stamp_ns: Shape (N,). [ns]
-        power: Drawn, straight until the next one, shape (N,). [W]
-        behind: What the meter shows beyond it, shape (N,). [W]
-        constant: Time constant until the next one, shape (N,). [s]
-        energy: What the meter shows since a time before the first, shape (N,). [J]
-        first_ns: Where the stretch of each begins, shape (N,). [ns]
-        first_power: The power there, shape (N,). [W]
-    """
-
-    power: Float
-    behind: Float
-    constant: Float
-    energy: Float
-    first_ns: Int
-    first_power: Float
+    stamp_ns: Annotated[Int, "Shape (N,). [ns]"]
+    power: Annotated[Float, "Drawn, straight until the next one, shape (N,). [W]"]
+    behind: Annotated[Float, "What the meter shows beyond it, shape (N,). [W]"]
+    constant: Annotated[Float, "Time constant until the next one, shape (N,). [s]"]
+    energy: Annotated[Float, "What the meter shows since a time before the first, shape (N,). [J]"]
+    first_ns: Annotated[Int, "Where the stretch of each begins, shape (N,). [ns]"]
+    first_power: Annotated[Float, "The power there, shape (N,). [W]"]
 
 
 class ShownPower:

@@ -137,8 +137,8 @@ class Calibrated(RecordPart):
     readings: tuple[Count, ...]
     energy_windows: Annotated[
         tuple[tuple[Power, Power, Power], ...],
-        "The newest, oldest first: error, step of the measured power, deviation of the form. "
-        "[J], [W], [J]",
+        "The newest, oldest first: error, step of the measured power, deviation of the form. [J], "
+        "[W], [J]",
     ]
     energy_figures: Annotated[
         tuple[tuple[Power, ...], ...], "Mean products of the deviations of the figures. [J^2]"

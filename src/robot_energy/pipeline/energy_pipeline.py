@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.condition.learner import ConditionLearner
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline.friction_stage import FrictionStage
@@ -27,8 +27,7 @@ from robot_energy.timeline.blocks import (
 TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at least [ns]
 
 
-@dataclass(frozen=True)
-class Output:
+class Output(Described):
     """What one step of the pipeline gave; None where nothing was complete."""
 
     torque: Annotated[TorqueBlock | None, "Rigid-body torques."] = None

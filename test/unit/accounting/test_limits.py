@@ -9,11 +9,10 @@ from accounts import IDENTITY, SECOND, counter, power_block, restarted, steady
 from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.plain_text import MAX_NAME
+from robot_energy.accounting.plain_text import MAX_NAME, MAX_REASON
 from robot_energy.accounting.record import KEPT, AccountRecord
 from robot_energy.accounting.registers import CLOCK_STEP_NS
 from robot_energy.foundation.errors import RegisterError, StateFileError
-from robot_energy.accounting.plain_text import MAX_REASON
 from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.messages.registers import RegistersWriter, interval_fields
 from robot_energy.store.account_store import AccountStore

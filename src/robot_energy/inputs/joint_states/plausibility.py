@@ -6,12 +6,12 @@ A velocity beyond the robot that its positions do not support is refused; others
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.inputs.parameters import POSITIONS
@@ -45,8 +45,7 @@ IMPOSSIBLE_VELOCITY = "impossible_velocity"  # the reason under which such messa
 MIN_SUPPORT = 0.25  # share of a velocity that the step of the position must show
 
 
-@dataclass(frozen=True)
-class JointStateProblem:
+class JointStateProblem(Described):
     """Something that makes joint states doubtful."""
 
     sentence: str
