@@ -24,11 +24,11 @@ MODULES = {
         registers totals
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_writer metadata packed
-        reader sources sqlite_source writer
+        mcap_file mcap_records mcap_writer metadata packed reader sources sqlite_source
+        writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store plan schema types walk
+        batch decode encode lazy_store schema types walk
     """,
     "robot_energy.certainty": """
         band_calibration deviation energy_calibration figure_deviations

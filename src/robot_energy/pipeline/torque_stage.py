@@ -67,10 +67,6 @@ class PayloadTimeline:
     def set(self, payload: Payload, from_ns: int) -> PayloadChange:
         """Return a change with the instant from which it really counts, and take it.
 
-        Args:
-            from_ns: First instant of validity; one that has passed means the next
-                sample. [ns]
-
         Raises:
             RobotDescriptionError: If the URDF lacks the link; nothing changes then.
             PayloadError: If too many changes wait for stamps that never come.
@@ -109,9 +105,6 @@ class TorqueStage:
     """Differentiates joint states and computes the torque that moves the bodies.
 
     The effort of the driver, if its meaning is set, becomes measured motor torque.
-
-    Args:
-        settings: Window and lag of the derivative, meaning of the effort.
 
     Attributes:
         newest_ns: Newest joint state that has arrived, also one that `step` takes later: a payload
