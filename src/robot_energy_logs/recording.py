@@ -311,13 +311,10 @@ def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[
     parts: list[tuple[str, Int, NDArray[np.uint8]]] = []
     turns: list[Int] = []
     for stream in streams:
-        rows, messages = (
-            stream.given(block),
-            stream.encoder.encode(stream.fields(block), len(block)),
-        )
-        parts.append(
-            (stream.topic, block.stamp_ns[rows], messages if rows.all() else messages[rows])
-        )
+        rows = stream.given(block)
+        messages = stream.encoder.encode(stream.fields(block), len(block))
+        messages = messages if rows.all() else messages[rows]
+        parts.append((stream.topic, block.stamp_ns[rows], messages))
         turns.append(np.flatnonzero(rows) // INTERLEAVED_ROWS)
     bag.write_sorted(parts, turns)
     return {topic: len(stamps) for topic, stamps, _ in parts}

@@ -125,7 +125,7 @@ MODULES = {
         readings states
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link fan link_errors link_readings phase_readings supply
+        cabinet dc_link fan levels link_errors link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
         evidence finding meter motion possible_causes process remedies run torque torque_fit
