@@ -1,4 +1,24 @@
-"""`robot-energy identify drives`: electrical power of the drives."""
+r"""`robot-energy identify drives`: electrical power of the drives from torque and speed.
+
+Identify how much electrical power the drives take for torque and speed.
+
+With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
+reduced efficiency map in four quadrants (paper B, section 6) and a loss model. Both are
+compared on held-out data with a constant efficiency and with no losses. The lag of the
+power behind the joint states is estimated and removed. With one power meter
+for all drives: those losses that its readings determine. If a recording has both kinds of
+power, both fits are made.
+
+Record motions at several speeds and loads, and several recordings, so that whole ones
+can be held out.
+
+examples:
+  robot-energy identify drives cold warm --model kr16 --effort motor_torque \
+      --drive-power /drive_power --out my_robot.yaml --plot maps.png
+  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \
+      --out my_ur3e.yaml
+  robot-energy identify drives --log voraus.csv --mapping voraus.yaml
+"""
 
 from __future__ import annotations
 
@@ -31,28 +51,6 @@ from robot_energy_logs.log_formats import LOG_FORMATS
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
     from robot_energy_identify.drives.drive_data import DriveData
-
-DESCRIPTION = """\
-Identify how much electrical power the drives take for torque and speed.
-
-With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
-reduced efficiency map in four quadrants (paper B, section 6) and a loss model. Both are
-compared on held-out data with a constant efficiency and with no losses. The lag of the
-power behind the joint states is estimated and removed. With one power meter
-for all drives: those losses that its readings determine. If a recording has both kinds of
-power, both fits are made.
-
-Record motions at several speeds and loads, and several recordings, so that whole ones
-can be held out.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify drives cold warm --model kr16 --effort motor_torque \\
-      --drive-power /drive_power --out my_robot.yaml --plot maps.png
-  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \\
-      --out my_ur3e.yaml
-  robot-energy identify drives --log voraus.csv --mapping voraus.yaml
-"""
 
 
 def _options(parser: ArgumentParser) -> None:
@@ -180,11 +178,4 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str, tuple[str
     return drive_data(recordings, powers, measured), model, torque, moved
 
 
-COMMAND = Command(
-    "drives",
-    "electrical power of the drives from torque and speed",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, _options)

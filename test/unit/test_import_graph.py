@@ -85,7 +85,7 @@ MODULES = {
         auxiliary base energy replay
     """,
     "robot_energy.store": """
-        account_store condition_store slot_store slots
+        account_store condition_store slots
     """,
     "robot_energy.timeline": """
         blocks pieces stamps streams time_series
@@ -95,8 +95,8 @@ MODULES = {
         history_output identify_all identify_drives identify_dynamics identify_excitation
         identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
         layouts listings main model_reference models monitoring optimize predict replay
-        replay_arguments report result_schema shared_bus simulate stopping terminal
-        test tool_options
+        replay_arguments report result_schema shared_bus simulate stopping terminal test
+        tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -126,7 +126,7 @@ MODULES = {
         readings states
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link fan link_errors link_readings phase_readings supply
+        cabinet dc_link fan levels link_errors link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
         evidence finding meter motion possible_causes process remedies run torque torque_fit

@@ -161,10 +161,10 @@ class Condition(Protocol):
         self, begin_ns: int, stuck: NDArray[np.bool_], reading_degc: Float, viscous: Float,
         std: Float, shared: Float, quality: Bits,
     ) -> tuple[Float, Float]:  # fmt: skip
-        """Begin a part; return temperatures of motors, those that friction follows, (N, n). [degC]
+        """Return temperatures of the motors of a part, and those that friction follows. [degC]
 
         Args:
-            begin_ns: Its first stamp. [ns]
+            begin_ns: First stamp of the part, which begins with it. [ns]
             stuck: Whose temperature readings stand still, shape (n,).
             reading_degc: NaN where there is none, shape (N, n), not to be written to. [degC]
             viscous: At these readings, changed in place as the next two, shape (N, n). [N m s/rad]

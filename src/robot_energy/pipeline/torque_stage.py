@@ -100,14 +100,10 @@ class PayloadTimeline:
                 break
             if first > start:
                 yield self.robot, block[slice(start, first)]
-            start = first
-            self._apply(self._coming.pop(0).payload)
+            start, payload = first, self._coming.pop(0).payload
+            others = [body for body in self.robot.payload if body.link != payload.link]
+            self.robot = self.robot.with_payload([*others, payload] if payload.mass else others)
         yield self.robot, block if start == 0 else block[slice(start, None)]
-
-    def _apply(self, payload: Payload) -> None:
-        others = [body for body in self.robot.payload if body.link != payload.link]
-        carried = [*others, payload] if payload.mass else others
-        self.robot = self.robot.with_payload(carried)
 
 
 class TorqueStage:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,14 @@ Column: TypeAlias = "NDArray[Any] | str | tuple[Any, ...]"
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Values at regular distances: a strided view of the rows.
-
-    Attributes:
-        shape: Axes after the row axis.
-        strides: Distance along each of them. [bytes]
-        is_bool: Whether the number means a truth value.
-    """
+    """Values at regular distances: a strided view of the rows."""
 
     offset: int
-    shape: tuple[int, ...]
-    strides: tuple[int, ...]
+    shape: Annotated[tuple[int, ...], "Axes after the row axis."]
+    strides: Annotated[tuple[int, ...], "Distance along each of them. [bytes]"]
     dtype: np.dtype[Any]
     native: np.dtype[Any]
-    is_bool: bool
+    is_bool: Annotated[bool, "Whether the number means a truth value."]
 
     @property
     def plain(self) -> bool:

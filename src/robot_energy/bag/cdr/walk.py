@@ -18,10 +18,8 @@ from robot_energy.bag.cdr.schema import (
     Wanted,
 )
 
-HEADER_SIZE = 4
-"""Bytes of the CDR encapsulation header; alignment counts from its end. [bytes]"""
-MAX_TRAILING = 3
-"""Padding bytes allowed after the payload. [bytes]"""
+HEADER_SIZE = 4  # bytes of the CDR encapsulation header; alignment counts from its end [bytes]
+MAX_TRAILING = 3  # padding bytes allowed after the payload [bytes]
 
 MAX_PARTS = 20_000
 """Strings and messages in the arrays of one message; a large diagnostic message has 10,000."""

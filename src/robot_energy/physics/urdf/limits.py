@@ -17,8 +17,7 @@ MAX_EFFORT = 1e6
 """No joint of a robot has more: the largest industrial arms need some 1e5. [N m] or [N]"""
 MAX_TURNING = 100.0
 """Rotary joints turn slower: quick wrists reach 20, legs with direct drive 55. [rad/s]"""
-MAX_SLIDING = 20.0
-"""Linear joints move slower: axes with linear motors reach 10. [m/s]"""
+MAX_SLIDING = 20.0  # linear joints move slower: axes with linear motors reach 10 [m/s]
 
 
 def limit_values(limit: ET.Element) -> dict[str, float]:
