@@ -6,8 +6,13 @@ import numpy as np
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.record import Identity
-from robot_energy.certainty.band import BUS, FORM, LOSS_GRID
-from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.certainty.deviation import (
+    BUS,
+    CABINET_DEVIATIONS,
+    FORM,
+    JOINT_DEVIATIONS,
+    LOSS_GRID,
+)
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import polars as pl
 import pytest
+from fleet_study import fleet_tables
 
 from robot_energy_fleet.dataset import Dataset, RowKey, row_bytes
 from robot_energy_fleet.tables import TABLES, FleetTables
 from robot_energy_rig import virtual_rig
 from robot_energy_studies import generated_fleet
-from robot_energy_studies.fleet_study import fleet_tables
 from robot_energy_studies.generated_fleet import FleetPlan
 
 MICRO = 1e6

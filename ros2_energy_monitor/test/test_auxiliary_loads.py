@@ -33,8 +33,7 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
-from robot_energy_rig.auxiliary import auxiliary_loads
-from robot_energy_rig.record import RigEncoder
+from robot_energy_rig.record import RigEncoder, auxiliary_loads
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor

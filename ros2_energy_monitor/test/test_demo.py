@@ -103,7 +103,7 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, tmp_path):
 
 OF_NODES = """
 import os, pathlib, signal, sys
-from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.demo.live_study import NodeProcesses
 with NodeProcesses(pathlib.Path(sys.argv[1]), dict(os.environ)) as nodes:
     nodes.start("console")
     print("started", flush=True)

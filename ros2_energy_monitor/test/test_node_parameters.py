@@ -38,7 +38,7 @@ from ros2_energy_monitor.base.parameter_files import files_without_section, sect
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.exporters.kinds import exporter_parameters
 from ros2_energy_monitor.meters.kinds import MeterDriverParameters
-from ros2_energy_monitor.recorder.parameters import RecorderParameters
+from ros2_energy_monitor.nodes.energy_recorder import RecorderParameters
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"
 NODES = {

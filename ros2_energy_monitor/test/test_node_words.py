@@ -36,7 +36,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z]")
 OF_RECORDINGS = (
     *("robot_energy.replay.options", "robot_energy.inputs.options"),
     *("robot_energy.bag.", "robot_energy.foundation.files.", "robot_energy.inputs.bag_topics"),
-    *("robot_energy.replay.read_ahead", "robot_energy.replay.replay_topics"),
+    *("robot_energy.replay.read_ahead", "robot_energy.replay.setup"),
 )
 COMMAND = re.compile(r"(^|`)[^`]*`")  # a whole command is one whoever reads the sentence
 

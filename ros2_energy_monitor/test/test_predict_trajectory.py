@@ -32,8 +32,8 @@ from robot_energy_plan.motion.joint_trajectory import KINDS, PointColumns
 from robot_energy_plan.motion.trajectory_io import MESSAGE
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.services import trajectory_services
-from ros2_energy_monitor.services.c_memory import CMessage
 from ros2_energy_monitor.services.prediction_process import PredictionProcess
+from ros2_energy_monitor.services.raw_service import CMessage
 
 MODEL = load("kr16")
 JOINTS = MODEL.joint_names

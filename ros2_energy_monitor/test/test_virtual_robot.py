@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import UInt8
 
 from robot_energy.foundation.errors import RigError
-from robot_energy_rig.auxiliary import PUMP_OFF, LoadPlayer, auxiliary_loads
+from robot_energy_rig.record import PUMP_OFF, LoadPlayer, auxiliary_loads
 from ros2_energy_monitor.base.node_parameters import RobotParameters
 from ros2_energy_monitor.base.publishers import best_effort
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot, make_rig

@@ -61,8 +61,7 @@ if TYPE_CHECKING:
         history_friction,
         history_jobs,
     )
-    from robot_energy_history.baseline import EnergyBaseline
-    from robot_energy_history.savings import EnergySavings, history_savings
+    from robot_energy_history.savings import EnergyBaseline, EnergySavings, history_savings
     from robot_energy_identify.api.evaluate import evaluate
     from robot_energy_identify.api.identify import (
         IdentificationResult,
@@ -112,8 +111,7 @@ _NAMES = {
     "robot_energy_history.api": (
         "History", "history", "history_events", "history_friction", "history_jobs",
     ),
-    "robot_energy_history.baseline": ("EnergyBaseline",),
-    "robot_energy_history.savings": ("EnergySavings", "history_savings"),
+    "robot_energy_history.savings": ("EnergyBaseline", "EnergySavings", "history_savings"),
     "robot_energy_identify.api.evaluate": ("evaluate",),
     "robot_energy_identify.api.identify": (
         "IdentificationResult", "identify_all", "identify_auxiliary", "identify_cabinet",
@@ -135,22 +133,7 @@ _EXPORTS = {
     for module, names in _NAMES.items()
     for public, _, original in (name.partition(":") for name in names)
 }
-__all__ = [
-    "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBaseline", "EnergyBreakdown",
-    "EnergyPipeline", "EnergySavings", "EvaluationReport", "FleetFriction", "FleetReport",
-    "FleetRunReport", "History", "HistoryError", "IdentificationResult",
-    "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
-    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
-    "OptimizationReport", "OptimizationResult", "ParameterError", "Payload", "PayloadError",
-    "Phase", "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
-    "ReplayReport", "ReplayResult", "ReportError", "RestState", "RobotDescriptionError",
-    "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "SharedBusReport",
-    "SharedBusResult", "TimeSeries", "ToolOptions", "UnknownJointError", "advise", "evaluate",
-    "fleet_identify", "fleet_report", "fleet_run", "history", "history_events", "history_friction",
-    "history_jobs", "history_savings", "identify_all", "identify_auxiliary", "identify_cabinet",
-    "identify_dynamics", "identify_friction", "identify_thermal", "load_model", "optimize",
-    "physics", "predict", "replay", "save_model", "shared_bus",
-]  # fmt: skip
+__all__ = [*_EXPORTS]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:

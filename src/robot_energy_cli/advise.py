@@ -1,47 +1,38 @@
-"""`robot-energy advise`: what would save how much, from recordings alone."""
+"""`robot-energy advise`: what would save how much energy, from recordings alone.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from typing import Any
-
-from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy_cli.command import Command, add_option, add_options, flags, keywords_of
-from robot_energy_cli.replay_arguments import BAG, DAMAGED, add_replay, model_named
-from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy_fleet.options import YEAR, AdviseOptions
-
-DESCRIPTION = """\
 Rank what would save energy, from recordings alone: standby in breaks and at night, a supply that
 returns braking energy, a warmer start, other speeds, other places to wait. Each has a 90 % band and
 says what it rests on; a saving smaller than its band is listed apart, as not proven.
-"""
-EPILOG = """\
+
 examples:
   robot-energy advise monday tuesday --model my_robot.yaml --price 0.25 --co2 0.38
   robot-energy advise dataset --model my_robot.yaml --report advice.html
   robot-energy advise bag --model m.yaml --rest-states states.yaml --hours-per-day 16
 """
 
+from __future__ import annotations
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "recordings",
-        nargs="+",
-        metavar="BAG|DATASET",
-        help=f"{BAG}; or the folder that `fleet run` wrote",
-    )
-    add_options(parser, flags(AdviseOptions, "rest_states"))
-    add_option(parser, "--no-speeds", "do not look for other speeds, which takes longest")
-    add_options(parser.add_argument_group(YEAR), flags(AdviseOptions, YEAR))
-    add_options(parser.add_argument_group("outputs"), OUTPUTS)
-    add_replay(parser, fixed=False)
+from argparse import Namespace
+from typing import Any
+
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy_cli.command import LIST, Command, Options, flags, keywords_of
+from robot_energy_cli.replay_arguments import BAG, DAMAGED, model_named, replay_options
+from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
+from robot_energy_fleet.options import YEAR, AdviseOptions
+
+OPTIONS: Options = {
+    "recordings BAG|DATASET": (f"{BAG}; or the folder that `fleet run` wrote", LIST),
+    **flags(AdviseOptions, "rest_states"),
+    "--no-speeds": "do not look for other speeds, which takes longest",
+    YEAR: flags(AdviseOptions, YEAR),
+    "outputs": OUTPUTS,
+    **replay_options(fixed=False),
+}
 
 
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.advice.advise import advise
-    from robot_energy_fleet.documents.advice import advice_document
-    from robot_energy_report.document import Document
 
     named = model_named(args)
     check_outputs(args, [*args.recordings, named, args.inputs, args.rest_states])
@@ -52,20 +43,13 @@ def _run(args: Namespace) -> int:
             "progress": show,
         }
         found = advise(args.recordings, named, **options)
-    page = Document(
+    present(
+        args,
+        found.report,
         "What would save energy",
         "From recordings alone, through the model of the robot. No change was tried.",
     )
-    advice_document(found.report, page)
-    present(args, found.report, page)
     return DAMAGED if found.report.problems else 0
 
 
-COMMAND = Command(
-    "advise",
-    "what would save how much energy, from recordings alone",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -2,15 +2,57 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+import math
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
 from inspect import signature
 from typing import Annotated, Any
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.options import Option, options_of
-from robot_energy_cli.numbers import number, number_type, whole
+from robot_energy.foundation.options import MAX_NUMBER, Option, options_of
+
+
+def number_type(
+    what: str, low: float, high: float, open_low: bool = False, words: tuple[str, ...] = ()
+) -> Callable[[str], float | str]:
+    """Return a type of arguments.
+
+    Args:
+        low: Least value. [its unit]
+        high: Greatest value. [its unit]
+    """
+
+    def read(text: str) -> float | str:
+        if text in words:
+            return text
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high or (open_low and value == low):
+            raise ArgumentTypeError(f"'{text[:40]}' is not a {what}")
+        return value
+
+    return read
+
+
+number = number_type(f"number from -{MAX_NUMBER:g} to {MAX_NUMBER:g}", -MAX_NUMBER, MAX_NUMBER)
+positive = number_type("time in s (above 0)", 0.0, 1e6, open_low=True)
+frequency = number_type("frequency in Hz (above 0)", 0.0, MAX_NUMBER, open_low=True)
+
+
+def whole(text: str) -> int:
+    """Return a whole number.
+
+    Raises:
+        ArgumentTypeError: If it is none, or beyond 1e9.
+    """
+    value = float(number(text))
+    if value != int(value):
+        raise ArgumentTypeError(f"'{text[:40]}' is not a whole number")
+    return int(value)
+
 
 COUNT = "N"
 UNITS = {
@@ -24,8 +66,10 @@ SEVERAL: dict[str, Any] = {"action": "append", "default": []}
 Options = Mapping[str, "str | tuple[str, dict[str, Any]] | Options"]
 """What each option is or does, perhaps with further words, by its spelling: see `add_option`.
 
-A table in the table is a group of options by its title.
+A table in the table is a group of options by its title, perhaps with a line that explains it; of
+those of `ONE_OF` only one may be given.
 """
+ONE_OF = "one of"
 Run = Callable[[Namespace], int]
 
 
@@ -42,6 +86,20 @@ class Command(Described):
     options: Options | Callable[[ArgumentParser], None] = field(default_factory=dict[str, str])
     description: Annotated[str, "What it does, in its own help; empty for that of the list."] = ""
     epilog: str = ""
+
+    @classmethod
+    def of(
+        cls, doc: str | None, run: Run, options: Options | Callable[[ArgumentParser], None]
+    ) -> Command:
+        """Return the command that the docstring of its module describes.
+
+        Its first line has name and text, the rest what the command does, then ``examples:``.
+        """
+        first, _, rest = (doc or "").partition("\n\n")
+        name, _, text = first.partition("`: ")
+        description, example, epilog = rest.partition("\nexample")
+        text = " ".join(text.split()).rstrip(".")
+        return cls(name.split()[-1], text, run, options, description, example.strip() + epilog)
 
     def add_parser(self, commands: Any) -> None:
         """Add it, with the option that all commands have."""
@@ -102,8 +160,11 @@ def add_options(group: Any, options: Options) -> None:
                 add_option(group, spelled, said)
             case tuple():
                 add_option(group, spelled, said[0], **said[1])
+            case _ if spelled == ONE_OF:
+                add_options(group.add_mutually_exclusive_group(), said)
             case _:
-                add_options(group.add_argument_group(spelled), said)
+                title, _, line = spelled.partition("\n")
+                add_options(group.add_argument_group(title, line or None), said)
 
 
 def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
@@ -112,7 +173,7 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
     Args:
         spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
             unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
-            ``bags BAG`` are arguments.
+            ``bags BAG`` are arguments; ``--html/--report FILE`` has two names.
     """
     name, _, metavar = spelled.partition(" ")
     if name.startswith("--") and not metavar and not words:
@@ -121,7 +182,7 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
         words = {"type": whole if metavar == COUNT else number, "metavar": metavar, **words}
     elif metavar:
         words["metavar"] = metavar
-    group.add_argument(name, help=text, **words)
+    group.add_argument(*name.split("/"), help=text, **words)
 
 
 def flags(options: type, *chosen: str) -> dict[str, tuple[str, dict[str, Any]]]:

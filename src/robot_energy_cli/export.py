@@ -1,8 +1,17 @@
-"""`robot-energy export`: the power of a recorded bag over time as CSV or Parquet."""
+"""`robot-energy export`: the power of a recorded bag over time, as CSV or Parquet.
+
+Run a recorded bag through the model of its robot and write its power over time: one row per
+sample or per period, with predicted, measured and residual power, every loss, phase and
+quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
+
+examples:
+  robot-energy export bag --model kr16 --out power.csv
+  robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
+"""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.extras import require
@@ -15,29 +24,25 @@ from robot_energy.foundation.files.output_files import (
 )
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import Command, add_option
-from robot_energy_cli.replay_arguments import BAG, DAMAGED, add_replay, model_named, options_given
+from robot_energy_cli.command import REQUIRED, Command, Options
+from robot_energy_cli.replay_arguments import (
+    BAG,
+    DAMAGED,
+    model_named,
+    options_given,
+    replay_options,
+)
 from robot_energy_cli.terminal import console, progress, wrote
 
 WHAT = "the table"
 KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
 
-DESCRIPTION = """\
-Run a recorded bag through the model of its robot and write its power over time: one row per
-sample or per period, with predicted, measured and residual power, every loss, phase and
-quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
-"""
-EPILOG = """\
-examples:
-  robot-energy export bag --model kr16 --out power.csv
-  robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
-"""
 
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", help=BAG)
-    add_option(parser, "--out FILE", "the table: .csv, or .parquet (needs polars)", required=True)
-    add_replay(parser, "write means over periods of this length (default: every sample)")
+OPTIONS: Options = {
+    "bag": BAG,
+    "--out FILE": ("the table: .csv, or .parquet (needs polars)", REQUIRED),
+    **replay_options("write means over periods of this length (default: every sample)"),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -73,11 +78,4 @@ def _run(args: Namespace) -> int:
     return DAMAGED if result.replay.problems else 0
 
 
-COMMAND = Command(
-    "export",
-    "the power of a recorded bag over time, as CSV or Parquet",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,13 @@
-"""`robot-energy fleet identify`: one friction model from all bags of a fleet."""
+"""`robot-energy fleet identify`: one friction model from all bags.
+
+Identify one model of friction over temperature from all bags of a fleet, through the sums that
+`fleet run` has kept: no bag is read again. Robots that differ from their sisters, or have changed,
+are left out. Figures on the newest fifth of the bags, which their fit has not seen, say how good
+it is.
+
+example:
+  robot-energy fleet identify dataset --model kr16 --out fleet.yaml
+"""
 
 from __future__ import annotations
 
@@ -8,24 +17,11 @@ from robot_energy_cli.command import REQUIRED, Command, Options
 from robot_energy_cli.identify_inputs import SENSOR_OPTIONS, IdentifyInputs, result_options
 from robot_energy_cli.terminal import present
 
-DESCRIPTION = """\
-Identify one model of friction over temperature from all bags of a fleet, through the sums that
-`fleet run` has kept: no bag is read again. Robots that differ from their sisters, or have changed,
-are left out. Figures on the newest fifth of the bags, which their fit has not seen, say how good
-it is.
-"""
-EPILOG = """\
-example:
-  robot-energy fleet identify dataset --model kr16 --out fleet.yaml
-"""
-
 
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_fleet.dataset import read_tables
-    from robot_energy_fleet.documents.fleet import fleet_friction_document
     from robot_energy_fleet.identify import identify_fleet
-    from robot_energy_report.document import Document
     from robot_energy_report.friction_figure import friction_over_temperature
 
     IdentifyInputs(args).check_results()
@@ -33,13 +29,14 @@ def _run(args: Namespace) -> int:
     found, model = identify_fleet(
         tables, load(args.model), args.dataset, IdentifyInputs(args).sensor_limits()
     )
-    page = Document("Friction of a fleet", f"Identified from {args.dataset}.")
-    fleet_friction_document(found, page)
-
-    def plot(path: str) -> None:
-        friction_over_temperature(found.axes, path, title=args.dataset)
-
-    present(args, found, page, plot=plot, model=model)
+    present(
+        args,
+        found,
+        "Friction of a fleet",
+        f"Identified from {args.dataset}.",
+        plot=lambda path: friction_over_temperature(found.axes, path, title=args.dataset),
+        model=model,
+    )
     return 0
 
 
@@ -49,6 +46,4 @@ OPTIONS: Options = {
     **SENSOR_OPTIONS,
     **result_options("this friction", "write the laws over temperature as a figure"),
 }
-COMMAND = Command(
-    "identify", "one friction model from all bags", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,45 +1,23 @@
-"""`robot-energy fleet report`: energy and condition of a fleet, and robots to look at."""
+"""`robot-energy fleet report`: energy and condition of a fleet.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
-
-from robot_energy_cli.command import Command, add_option, add_options
-from robot_energy_cli.replay_arguments import PAGE_SETTINGS
-from robot_energy_cli.terminal import JSON_OPTION, check_outputs, present
-
-DESCRIPTION = """\
 Report on the dataset of a fleet: energy of robots, programmes and shifts, standby and its cost,
 the error of the model by temperature, friction over temperature and time, and robots that differ
 from their sisters at equal temperature or have changed: wear, a wrong payload, standby; with how
 sure that is.
-"""
-EPILOG = """\
+
 examples:
   robot-energy fleet report dataset
   robot-energy fleet report dataset --html fleet.html --page-settings prices.yaml
   robot-energy fleet report dataset --json report.json
 """
 
+from __future__ import annotations
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("dataset", help="folder that `fleet run` wrote")
-    parser.add_argument(
-        "--html",
-        "--report",
-        dest="report",
-        metavar="FILE",
-        help="the report as one page: .html, or .pdf where a Chromium is installed",
-    )
-    add_options(parser, JSON_OPTION)
-    add_option(
-        parser,
-        "--shifts H,H,...",
-        "hours of the day, local time, at which shifts begin (default 6,14,22)",
-        type=_hours,
-        default=(6, 14, 22),
-    )
-    add_options(parser, PAGE_SETTINGS)
+from argparse import ArgumentTypeError, Namespace
+
+from robot_energy_cli.command import Command, Options
+from robot_energy_cli.replay_arguments import PAGE_SETTINGS
+from robot_energy_cli.terminal import JSON_OPTION, check_outputs, present
 
 
 def _hours(text: str) -> tuple[int, ...]:
@@ -54,19 +32,28 @@ def _hours(text: str) -> tuple[int, ...]:
 
 def _run(args: Namespace) -> int:
     from robot_energy_fleet.dataset import read_tables
-    from robot_energy_fleet.documents.fleet import fleet_document
     from robot_energy_fleet.report import fleet_report
-    from robot_energy_report.document import Document
     from robot_energy_report.formats import counted
     from robot_energy_report.page.settings import load_settings
 
     check_outputs(args, [args.dataset, args.page_settings])
     settings = load_settings(args.page_settings or "")
     report = fleet_report(read_tables(args.dataset), args.dataset, settings, args.shifts)
-    page = Document(f"Fleet: {counted(len(report.robots), 'robot')}")
-    fleet_document(report, page, settings)
-    present(args, report, page)
+    present(args, report, f"Fleet: {counted(len(report.robots), 'robot')}", settings=settings)
     return 0
 
 
-COMMAND = Command("report", "energy and condition of a fleet", _run, _options, DESCRIPTION, EPILOG)
+OPTIONS: Options = {
+    "dataset": "folder that `fleet run` wrote",
+    "--html/--report FILE": (
+        "the report as one page: .html, or .pdf where a Chromium is installed",
+        {"dest": "report"},
+    ),
+    **JSON_OPTION,
+    "--shifts H,H,...": (
+        "hours of the day, local time, at which shifts begin (default 6,14,22)",
+        {"type": _hours, "default": (6, 14, 22)},
+    ),
+    **PAGE_SETTINGS,
+}
+COMMAND = Command.of(__doc__, _run, OPTIONS)

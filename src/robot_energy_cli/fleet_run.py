@@ -1,18 +1,34 @@
-"""`robot-energy fleet run`: replay many bags into one dataset."""
+r"""`robot-energy fleet run`: replay many bags into one dataset.
+
+Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
+robot and date. Bags that the dataset holds unchanged are not replayed again, so the same command
+continues a run that was stopped. A bag that cannot be used becomes a row with the reason; what
+can be read of a damaged one counts.
+
+Bags are those of a folder, of a pattern ("/bags/2026-*/*"), or of a CSV table with the columns
+bag, model, robot, programme, shift, jobs, effort (bag is needed). Addresses may be URLs such as
+s3://recordings/2026 where their fsspec package is installed.
+
+examples:
+  robot-energy fleet run /bags --model kr16 --out energy
+  robot-energy fleet run bags.csv --out energy --workers 8
+  robot-energy fleet run s3://recordings/hall3 --model hall3.yaml --out energy \
+      --scheduler tcp://10.0.0.5:8786
+  robot-energy fleet run /bags --model kr16 --out energy --watch 30
+"""
 
 from __future__ import annotations
 
 import sys
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import REQUIRED, Command, add_options, flags
-from robot_energy_cli.numbers import positive
-from robot_energy_cli.replay_arguments import DAMAGED, add_replay, options_given
+from robot_energy_cli.command import REQUIRED, Command, Options, flags, positive
+from robot_energy_cli.replay_arguments import DAMAGED, options_given, replay_options
 from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_outputs,
@@ -28,30 +44,13 @@ if TYPE_CHECKING:
     from robot_energy_fleet.fleet_run import FleetRun
     from robot_energy_fleet.results.fleet import FleetRunReport
 
-DESCRIPTION = """\
-Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
-robot and date. Bags that the dataset holds unchanged are not replayed again, so the same command
-continues a run that was stopped. A bag that cannot be used becomes a row with the reason; what
-can be read of a damaged one counts.
-
-Bags are those of a folder, of a pattern ("/bags/2026-*/*"), or of a CSV table with the columns
-bag, model, robot, programme, shift, jobs, effort (bag is needed). Addresses may be URLs such as
-s3://recordings/2026 where their fsspec package is installed.
-"""
-EPILOG = """\
-examples:
-  robot-energy fleet run /bags --model kr16 --out energy
-  robot-energy fleet run bags.csv --out energy --workers 8
-  robot-energy fleet run s3://recordings/hall3 --model hall3.yaml --out energy \\
-      --scheduler tcp://10.0.0.5:8786
-  robot-energy fleet run /bags --model kr16 --out energy --watch 30
-"""
 SHOWN = 10  # reasons, and damaged bags
 PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    "bags FOLDER|PATTERN|CSV": "where the bags are",
     "--out DATASET": ("folder of the dataset", REQUIRED),
     **flags(FleetOptions, ""),
     "--watch S": (
@@ -60,21 +59,16 @@ OPTIONS = {
         {"type": positive},
     ),
     **JSON_OPTION,
+    WHERE: {
+        **flags(FleetOptions, WHERE),
+        "--scratch GB": (
+            "size up to which a bag from a URL is copied to the host that replays it (default 20)",
+            {"type": positive, "default": 20.0},
+        ),
+    },
+    **flags(FleetOptions, "jobs"),
+    **replay_options(fixed=False),
 }
-SCRATCH = {
-    "--scratch GB": (
-        "size up to which a bag from a URL is copied to the host that replays it (default 20)",
-        {"type": positive, "default": 20.0},
-    ),
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bags", metavar="FOLDER|PATTERN|CSV", help="where the bags are")
-    add_options(parser, OPTIONS)
-    add_options(parser.add_argument_group(WHERE), flags(FleetOptions, WHERE) | SCRATCH)
-    add_options(parser, flags(FleetOptions, "jobs"))
-    add_replay(parser, fixed=False)
 
 
 def _run(args: Namespace) -> int:
@@ -196,4 +190,4 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         wrote(out, args.json, "all figures as JSON")
 
 
-COMMAND = Command("run", "replay many bags into one dataset", _run, _options, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

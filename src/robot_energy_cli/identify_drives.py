@@ -1,32 +1,5 @@
-"""`robot-energy identify drives`: electrical power of the drives."""
+r"""`robot-energy identify drives`: electrical power of the drives from torque and speed.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from robot_energy.foundation.errors import ModelFileError
-from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy_cli.command import Command, Options, add_option, add_options, flags
-from robot_energy_cli.identify_inputs import (
-    LOG,
-    SENSOR_OPTIONS,
-    IdentifyInputs,
-    bag_options,
-    result_options,
-)
-from robot_energy_cli.numbers import frequency
-from robot_energy_cli.terminal import present
-from robot_energy_identify.options import OF_DRIVES, IdentifyOptions
-from robot_energy_logs.log_formats import LOG_FORMATS
-
-if TYPE_CHECKING:
-    from robot_energy.model import RobotModel
-    from robot_energy_identify.drives.drive_data import DriveData
-
-DESCRIPTION = """\
 Identify how much electrical power the drives take for torque and speed.
 
 With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
@@ -38,15 +11,46 @@ power, both fits are made.
 
 Record motions at several speeds and loads, and several recordings, so that whole ones
 can be held out.
-"""
-EPILOG = """\
+
 examples:
-  robot-energy identify drives cold warm --model kr16 --effort motor_torque \\
+  robot-energy identify drives cold warm --model kr16 --effort motor_torque \
       --drive-power /drive_power --out my_robot.yaml --plot maps.png
-  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \\
+  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \
       --out my_ur3e.yaml
   robot-energy identify drives --log voraus.csv --mapping voraus.yaml
 """
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy_cli.command import (
+    Command,
+    Options,
+    add_option,
+    add_options,
+    flags,
+    frequency,
+)
+from robot_energy_cli.identify_inputs import (
+    LOG,
+    SENSOR_OPTIONS,
+    IdentifyInputs,
+    bag_options,
+    result_options,
+)
+from robot_energy_cli.terminal import present
+from robot_energy_identify.options import OF_DRIVES, IdentifyOptions
+from robot_energy_logs.log_formats import LOG_FORMATS
+
+if TYPE_CHECKING:
+    from robot_energy.model import RobotModel
+    from robot_energy_identify.drives.drive_data import DriveData
 
 
 def _options(parser: ArgumentParser) -> None:
@@ -81,12 +85,11 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.plausibility import check_drives, check_total
     from robot_energy_identify.provenance import hashed, identified_from
     from robot_energy_identify.results.drives import drives_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.drives import drives_document, efficiency_maps, mapped
+    from robot_energy_report.drives import efficiency_maps, mapped
 
     IdentifyInputs(args).check_results()
     _check(args)
-    data, model, torque = _data(args)
+    data, model, torque, moved = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
     found = find_drives(data, model, source, args.cutoff)
     if found.drives is not None:
@@ -97,14 +100,13 @@ def _run(args: Namespace) -> int:
     if written is not None:
         done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
         written = written.changed(provenance=identified_from(written.provenance, done, bags))
-    report = drives_report(found, torque, notes)
-    page = Document("Electrical power of the drives", f"Identified from {source}.")
-    drives_document(report, page)
+    report = drives_report(found, torque, [*moved, *notes])
     maps = mapped(found.drives)
     present(
         args,
         report,
-        page,
+        "Electrical power of the drives",
+        f"Identified from {source}.",
         plot=(lambda path: efficiency_maps(maps, path, source)) if maps else None,
         model=written,
     )
@@ -128,7 +130,7 @@ def _check(args: Namespace) -> None:
         )
 
 
-def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
+def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str, tuple[str, ...]]:
     from robot_energy_identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
@@ -140,11 +142,12 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         contents, effort = contents_of(logs, mapping), mapping.joints.effort
         parts = [(contents, [log.whole()]) for log in logs]
         data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
-        return data, None, "log"
+        return data, None, "log", ()
     from robot_energy.model import load
     from robot_energy.timeline.blocks import EffortMeaning
     from robot_energy_identify.plausibility import check_signs
     from robot_energy_identify.refused_recordings import (
+        on_one_clock,
         refuse_meter,
         refuse_torque,
         torque_evidence,
@@ -169,15 +172,10 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     if measured:
         check_signs(recordings, effort)
         refuse_torque([torque_evidence(part, effort) for part in recordings])
+    recordings, moved = on_one_clock(recordings)
     refuse_meter(recordings, effort)
-    return drive_data(recordings, powers, measured), model, effort.value if measured else "model"
+    torque = effort.value if measured else "model"
+    return drive_data(recordings, powers, measured), model, torque, moved
 
 
-COMMAND = Command(
-    "drives",
-    "electrical power of the drives from torque and speed",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, _options)

@@ -1,4 +1,19 @@
-"""`robot-energy identify dynamics`: bodies, rotors and friction from motor torque."""
+r"""`robot-energy identify dynamics`: inertias, rotors and friction from positions and motor torque.
+
+Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
+and motor torques, with standard deviations and errors on held-out data, and write a model
+file that the monitor runs. Each recording is also predicted from the others.
+
+From bags, with a model file for kinematics and gears; or directly from logs of the drives, by
+a YAML file that says what their columns mean (src/examples/identify/tx40.yaml). Record all
+joints moving at the same time, for ten seconds or more, at several speeds and far apart.
+
+examples:
+  robot-energy identify dynamics excitation_bag --model my_robot.yaml \
+      --effort motor_torque --out identified.yaml
+  robot-energy identify dynamics --log recordings --mapping tx40.yaml --out tx40_model.yaml
+  robot-energy identify dynamics --log one.parquet two.parquet --mapping cell.yaml --details
+"""
 
 from __future__ import annotations
 
@@ -26,23 +41,6 @@ if TYPE_CHECKING:
 
     # Model, stretches of every recording by its name, sources, friction known from elsewhere.
     Read = tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]
-
-DESCRIPTION = """\
-Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
-and motor torques, with standard deviations and errors on held-out data, and write a model
-file that the monitor runs. Each recording is also predicted from the others.
-
-From bags, with a model file for kinematics and gears; or directly from logs of the drives, by
-a YAML file that says what their columns mean (src/examples/identify/tx40.yaml). Record all
-joints moving at the same time, for ten seconds or more, at several speeds and far apart.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify dynamics excitation_bag --model my_robot.yaml \\
-      --effort motor_torque --out identified.yaml
-  robot-energy identify dynamics --log recordings --mapping tx40.yaml --out tx40_model.yaml
-  robot-energy identify dynamics --log one.parquet two.parquet --mapping cell.yaml --details
-"""
 
 
 OPTIONS: Options = {
@@ -82,8 +80,6 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.provenance import hashed
     from robot_energy_identify.refused_recordings import cause_named, evidence_of_rows
     from robot_energy_identify.results.dynamics import dynamics_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.dynamics import dynamics_document
 
     IdentifyInputs(args).check_results()
     IdentifyInputs(args).check_source(needs_effort=True)
@@ -112,12 +108,16 @@ def _run(args: Namespace) -> int:
     ]
     across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
     report = dynamics_report(result, held_out, consistent, across=across)
-    page = Document(
+    present(
+        args,
+        report,
         f"Dynamics of {model.robot.type}",
         f"Identified from {', '.join(sources)}. Model {written.model_id}.",
+        model=written,
+        reference=reference,
+        effort=effort,
+        details=args.details,
     )
-    dynamics_document(report, page, reference, effort, args.details)
-    present(args, report, page, model=written)
     return 0
 
 
@@ -164,11 +164,4 @@ def _settings(args: Namespace) -> DynamicsSettings:
     )
 
 
-COMMAND = Command(
-    "dynamics",
-    "inertias, rotors and friction from positions and motor torque",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

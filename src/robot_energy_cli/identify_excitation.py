@@ -1,8 +1,21 @@
-"""`robot-energy identify excitation`: a motion that makes a robot's parameters identifiable."""
+r"""`robot-energy identify excitation`: a motion to record for the dynamics.
+
+Make a motion for `identify dynamics`: one finite Fourier series per joint that begins and
+ends at rest (paper B, 4.3.2), optimised so that torque determines the base parameters,
+within the limits of position, velocity, acceleration and torque. The result is a CSV
+file and a bag with one trajectory_msgs/JointTrajectory.
+
+Move the robot to the start pose first. Collisions are not checked.
+
+examples:
+  robot-energy identify excitation --model kr16 --floor 0.2 --out motion
+  robot-energy identify excitation --model my_robot.yaml --period 20 --criterion condition \
+      --acceleration 10 8 20 40 40 60 --out motion
+"""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +24,7 @@ from robot_energy.foundation.files.output_files import check_file
 from robot_energy.foundation.files.output_folder import folder_path
 from robot_energy.foundation.files.placement import all_or_none
 from robot_energy.foundation.shown_text import shown
-from robot_energy_cli.command import LIST, REQUIRED, Command, add_option, add_options
+from robot_energy_cli.command import LIST, ONE_OF, REQUIRED, Command, Options
 from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_bag,
@@ -27,69 +40,44 @@ if TYPE_CHECKING:
 TOOL = "tool0"
 CSV, BAG = "excitation.csv", "excitation_bag"
 
-DESCRIPTION = """\
-Make a motion for `identify dynamics`: one finite Fourier series per joint that begins and
-ends at rest (paper B, 4.3.2), optimised so that torque determines the base parameters,
-within the limits of position, velocity, acceleration and torque. The result is a CSV
-file and a bag with one trajectory_msgs/JointTrajectory.
 
-Move the robot to the start pose first. Collisions are not checked.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify excitation --model kr16 --floor 0.2 --out motion
-  robot-energy identify excitation --model my_robot.yaml --period 20 --criterion condition \\
-      --acceleration 10 8 20 40 40 60 --out motion
-"""
-
-
-FILES = {
+OPTIONS: Options = {
     "--model FILE|NAME": ("model of the robot", REQUIRED),
     "--out FOLDER": ("folder of the files", REQUIRED),
     **JSON_OPTION,
     "--overwrite": "replace files of an earlier run",
-}
-SHAPE = {
-    "--period S": "length of the motion; its base frequency is 1 / length (default 10 s)",
-    "--harmonics N": "default 5",
-    "--rate HZ": "of the points (default 125)",
-    "--loops N": "periods in the files (default 1)",
-}
-SEARCH = {
-    "--criterion": (
-        "greatest determinant (D-optimal, default), or least condition number",
-        {"choices": ("determinant", "condition"), "default": "determinant"},
-    ),
-    "--starts N": "default 3",
-    "--iterations N": "of each start (default 100)",
-    "--seed N": "the same seed gives the same motion",
-}
-LIMITS = {
-    "--margin SHARE": "share of every limit that may be used (default 0.9)",
-    "--acceleration A": (
-        "limit of the acceleration, one value or one per joint [rad/s^2] (default: full speed in "
-        "0.5 s)",
-        LIST,
-    ),
-}
-FLOOR = {
-    "--floor M": "the tool stays above this height in the base frame (default: 0, where there is "
-    "one)",
-    "--no-floor": "do not limit the height of the tool",
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_options(parser, FILES)
-    add_options(parser.add_argument_group("the motion"), SHAPE)
-    add_options(parser.add_argument_group("the search"), SEARCH)
-    limits = parser.add_argument_group("limits, in addition to those of the URDF")
-    add_options(limits, LIMITS)
-    add_options(limits.add_mutually_exclusive_group(), FLOOR)
-    text = f"link that stays above the floor (default: payload, or {TOOL})"
-    add_option(limits, "--tool LINK", text)
-    motion = {"period": 10.0, "harmonics": 5, "rate": 125.0, "loops": 1, "margin": 0.9}
-    parser.set_defaults(**motion, starts=3, iterations=100, seed=0)
+    "the motion": {
+        "--period S": ("length of the motion; its base frequency is 1 / length (default 10 s)",
+                       {"default": 10.0}),
+        "--harmonics N": ("default 5", {"default": 5}),
+        "--rate HZ": ("of the points (default 125)", {"default": 125.0}),
+        "--loops N": ("periods in the files (default 1)", {"default": 1}),
+    },
+    "the search": {
+        "--criterion": (
+            "greatest determinant (D-optimal, default), or least condition number",
+            {"choices": ("determinant", "condition"), "default": "determinant"},
+        ),
+        "--starts N": ("default 3", {"default": 3}),
+        "--iterations N": ("of each start (default 100)", {"default": 100}),
+        "--seed N": ("the same seed gives the same motion", {"default": 0}),
+    },
+    "limits, in addition to those of the URDF": {
+        "--margin SHARE": ("share of every limit that may be used (default 0.9)",
+                           {"default": 0.9}),
+        "--acceleration A": (
+            "limit of the acceleration, one value or one per joint [rad/s^2] (default: full speed "
+            "in 0.5 s)",
+            LIST,
+        ),
+        ONE_OF: {
+            "--floor M": "the tool stays above this height in the base frame (default: 0, where "
+            "there is one)",
+            "--no-floor": "do not limit the height of the tool",
+        },
+        "--tool LINK": f"link that stays above the floor (default: payload, or {TOOL})",
+    },
+}  # fmt: skip
 
 
 def _run(args: Namespace) -> int:
@@ -105,8 +93,6 @@ def _run(args: Namespace) -> int:
         write_csv,
         write_trajectory,
     )
-    from robot_energy_report.document import Document
-    from robot_energy_report.dynamics import excitation_document
 
     check_outputs(args, [args.model])
     model = load(args.model)
@@ -126,12 +112,11 @@ def _run(args: Namespace) -> int:
         found = optimise_excitation(model, limits, settings, report)
     time, path = points(found.motion, args.rate, args.loops)
     names = limits.robot.joint_names
-    report, page = excitation_report(found), Document()
-    excitation_document(report, page)
     with all_or_none():
         write_trajectory(folder / BAG, names, time, path, args.overwrite)
         write_csv(folder / CSV, names, time, path)
-        present(args, report, page, f"{CSV} and {BAG}, {len(time)} points")
+        made = f"{CSV} and {BAG}, {len(time)} points"
+        present(args, excitation_report(found), made=made)
     return 0
 
 
@@ -167,6 +152,4 @@ def _floor(args: Namespace, model: RobotModel) -> Floor | None:
     return Floor(link, 0.0 if args.floor is None else args.floor)
 
 
-COMMAND = Command(
-    "excitation", "a motion to record for the dynamics", _run, _options, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,19 @@
-"""`robot-energy identify friction`: friction over motor temperature."""
+r"""`robot-energy identify friction`: friction over motor temperature.
+
+Identify the friction of every axis over its motor temperature from recordings with measured
+torque (paper A, eq. 8 to 10), and write a model file that the monitor runs. Coulomb
+friction does not depend on temperature. For viscous friction a constant, an exponential law
+and a table are compared at held-out temperatures.
+
+Record the same motions, at several speeds and in both directions, with the robot cold,
+warm and in between.
+
+examples:
+  robot-energy identify friction cold warm hot --model kr16 --effort motor_torque \
+      --out my_robot.yaml
+  robot-energy identify friction --log runs.csv.gz --mapping xarm6_joint3.yaml \
+      --train 29: --test :25
+"""
 
 from __future__ import annotations
 
@@ -24,23 +39,6 @@ if TYPE_CHECKING:
 
 SHUFFLES = 20
 
-DESCRIPTION = """\
-Identify the friction of every axis over its motor temperature from recordings with measured
-torque (paper A, eq. 8 to 10), and write a model file that the monitor runs. Coulomb
-friction does not depend on temperature. For viscous friction a constant, an exponential law
-and a table are compared at held-out temperatures.
-
-Record the same motions, at several speeds and in both directions, with the robot cold,
-warm and in between.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify friction cold warm hot --model kr16 --effort motor_torque \\
-      --out my_robot.yaml
-  robot-energy identify friction --log runs.csv.gz --mapping xarm6_joint3.yaml \\
-      --train 29: --test :25
-"""
-
 
 def _span(text: str) -> Span:
     from robot_energy_identify.friction.temperature_study import Span
@@ -59,9 +57,7 @@ def _span(text: str) -> Span:
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
-    from robot_energy_report.document import Document
     from robot_energy_report.friction_figure import friction_over_temperature
-    from robot_energy_report.identification import friction_document, study_document
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -73,10 +69,8 @@ def _run(args: Namespace) -> int:
     if args.train is not None:
         axes = _log(given) if args.log else given.bags().friction_data(load(args.model))
         studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
-        page = Document("Friction at temperatures that were not seen", source)
-        study_document(studies, page)
-        page.notes(given.log_notes)
-        present(args, studies, page)
+        title = "Friction at temperatures that were not seen"
+        present(args, studies, title, source, notes=given.log_notes)
         return 0
     model = None
     if args.log:
@@ -95,14 +89,15 @@ def _run(args: Namespace) -> int:
 
         result = identify_friction(given.bags(), args.model, share_shape=args.share_shape)
         report, model = result.found, result.model
-    page = Document("Friction over motor temperature", f"Identified from {source}.")
-    friction_document(report, page)
-    page.notes(given.log_notes)
-
-    def plot(path: str) -> None:
-        friction_over_temperature(report.axes, path, report.torque_unit, source)
-
-    present(args, report, page, plot=plot, model=model)
+    present(
+        args,
+        report,
+        "Friction over motor temperature",
+        f"Identified from {source}.",
+        plot=lambda to: friction_over_temperature(report.axes, to, report.torque_unit, source),
+        model=model,
+        notes=given.log_notes,
+    )
     return 0
 
 
@@ -142,4 +137,4 @@ OPTIONS: Options = {
         "--test LOW:HIGH": ("[degC]", {"type": _span}),
     },
 }
-COMMAND = Command("friction", "friction over motor temperature", _run, OPTIONS, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

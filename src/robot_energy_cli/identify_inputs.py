@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy_cli.command import LIST, Options
-from robot_energy_cli.numbers import number
+from robot_energy_cli.command import LIST, Options, number
 from robot_energy_cli.replay_arguments import INPUTS, MODEL_OR_ROBOT
 from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, progress
 from robot_energy_identify.options import EFFORTS

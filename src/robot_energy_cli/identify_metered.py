@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from robot_energy_cli.command import Command
@@ -26,7 +25,7 @@ robot brakes hard, it shows the grid side alone. The command finds both phases, 
 noise of the velocities. After hard braking the DC link feeds the drives; how much energy it
 stores is found from that, with an interval, and taken if held-out readings are predicted
 better with it. A fan of the cabinet that starts while the robot warms up is found by the step
-in the power at rest.
+in the power at rest, one that runs in warm recordings alone by the levels of their power.
 
 Record at least ten seconds of rest with active drives, and fast motions that stop hard; for
 the fan a warm-up with pauses and motor temperatures.
@@ -54,37 +53,33 @@ example:
 
 def _run_cabinet(args: Namespace) -> int:
     from robot_energy_identify.api.identify import identify_cabinet
-    from robot_energy_report.identification import cabinet_document
 
     given = IdentifyInputs(args)
     given.check_results()
     result = identify_cabinet(given.bags(), args.model, link_voltages=given.link_voltages())
-    return _present(given, result, cabinet_document, "Cabinet", "Constant losses and DC link")
+    return _present(given, result, "Cabinet", "Constant losses and DC link")
 
 
 def _run_auxiliary(args: Namespace) -> int:
     from robot_energy_identify.api.identify import identify_auxiliary
-    from robot_energy_report.identification import states_document
 
     given = IdentifyInputs(args)
     given.check_results()
     result = identify_auxiliary(given.bags(), args.model, outlet_meter=args.outlet_meter)
-    return _present(given, result, states_document, "Loads of the cell", "Powers of their states")
+    return _present(given, result, "Loads of the cell", "Powers of their states")
 
 
 def _present(
     given: IdentifyInputs,
     result: IdentificationResult[Any],
-    document: Callable[..., None],
     whose: str,
     what: str,
 ) -> int:
-    from robot_energy_report.document import Document
-
-    lead = f"{what} identified from {given.names()}."
-    page = Document(f"{whose} of {result.model.robot.type}", lead)
-    document(result.found, page)
-    present(given.args, result.found, page, model=result.model)
+    title, lead = (
+        f"{whose} of {result.model.robot.type}",
+        f"{what} identified from {given.names()}.",
+    )
+    present(given.args, result.found, title, lead, model=result.model)
     return 0
 
 

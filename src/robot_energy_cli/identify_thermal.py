@@ -1,19 +1,5 @@
-"""`robot-energy identify thermal`: thermal networks of the motors."""
+r"""`robot-energy identify thermal`: motor temperatures from losses.
 
-from __future__ import annotations
-
-from argparse import ArgumentTypeError, Namespace
-from typing import TYPE_CHECKING
-
-from robot_energy_cli.command import Command, Options
-from robot_energy_cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
-from robot_energy_cli.numbers import number
-from robot_energy_cli.terminal import present
-
-if TYPE_CHECKING:
-    from robot_energy_identify.results.identification import ThermalReport
-
-DESCRIPTION = """\
 Identify the heat capacity and the time constants of every motor from recordings with motor
 temperatures. The heat is that of the model's own losses, so identify friction and drives first.
 With them the monitor estimates a motor temperature where no sensor measures it, or the sensor is
@@ -21,13 +7,24 @@ stuck.
 
 Record from a cold start, for hours, with work and rest. A free run from the first reading is
 compared with the readings that follow; the error stated is on what the fit has not seen.
-"""
-EPILOG = """\
+
 examples:
-  robot-energy identify thermal monday tuesday --model my_robot.yaml --ambient 21 \\
+  robot-energy identify thermal monday tuesday --model my_robot.yaml --ambient 21 \
       --out my_robot_thermal.yaml
   robot-energy identify thermal --log dataset.csv --mapping ur3_cobotops.yaml
 """
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError, Namespace
+from typing import TYPE_CHECKING
+
+from robot_energy_cli.command import Command, Options, number
+from robot_energy_cli.identify_inputs import LOG, IdentifyInputs, bag_options, result_options
+from robot_energy_cli.terminal import present
+
+if TYPE_CHECKING:
+    from robot_energy_identify.results.identification import ThermalReport
 
 
 def _degc(text: str) -> float:
@@ -38,9 +35,6 @@ def _degc(text: str) -> float:
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_report.document import Document
-    from robot_energy_report.identification import thermal_document
-
     given = IdentifyInputs(args)
     given.check_results()
     given.check_source(relative="the heat of a log is relative and makes no model file")
@@ -52,10 +46,8 @@ def _run(args: Namespace) -> int:
 
         result = identify_thermal(given.bags(), args.model, ambient_degc=args.ambient)
         report, model = result.found, result.model
-    page = Document("Thermal networks of the motors", f"Identified from {given.names()}.")
-    thermal_document(report, page)
-    page.notes(given.log_notes)
-    present(args, report, page, model=model)
+    title, lead = "Thermal networks of the motors", f"Identified from {given.names()}."
+    present(args, report, title, lead, model=model, notes=given.log_notes)
     return 0
 
 
@@ -80,4 +72,4 @@ OPTIONS: Options = {
     **result_options("these networks"),
     "from a log with motor currents, without a model": LOG,
 }
-COMMAND = Command("thermal", "motor temperatures from losses", _run, OPTIONS, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

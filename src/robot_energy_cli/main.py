@@ -24,10 +24,10 @@ from robot_energy.foundation.errors import KindError, RobotEnergyError
 from robot_energy.foundation.extras import is_ours, missing
 from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
-from robot_energy.foundation.stopping import Stopped, stoppable
 from robot_energy_cli.command import Command
 from robot_energy_cli.commands import COMMANDS
 from robot_energy_cli.listings import COMPLETION
+from robot_energy_cli.stopping import Stopped, stoppable
 
 
 class WrappedHelp(HelpFormatter):
@@ -96,9 +96,6 @@ class Parser(ArgumentParser):
 
     Wrong words, such as names of files, are quoted without what acts on a terminal.
     Sub-commands have this class too, and with it the same form of help.
-
-    Args:
-        options: Adds the options, once they are needed: a command needs those of no other.
     """
 
     def __init__(

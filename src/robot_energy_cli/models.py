@@ -25,7 +25,7 @@ INIT: Options = {
 
 def _run_list(args: Namespace) -> int:
     from robot_energy.model import load, shipped_models
-    from robot_energy.results.model import count_tags
+    from robot_energy.results.base import count_tags
     from robot_energy_report.formats import tags_text
 
     out, models = console(), shipped_models()
@@ -41,15 +41,11 @@ def _run_list(args: Namespace) -> int:
 def _run_check(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.physics.rigid_body import Robot
-    from robot_energy.results.model import model_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.model import model_document
+    from robot_energy_report.model import model_report
 
     check_outputs(args, [args.model])
     model = load(args.model)
-    report, page = model_report(model, Robot.from_model(model)), Document()
-    model_document(report, page)
-    present(args, report, page)
+    present(args, model_report(model, Robot.from_model(model)))
     return 0
 
 
@@ -68,9 +64,9 @@ def _run_init(args: Namespace) -> int:
     from robot_energy.foundation.errors import ModelFileError
     from robot_energy.foundation.files.output_files import TEXT, write_file
     from robot_energy.model import validate
-    from robot_energy.physics.plausibility import implausible
     from robot_energy.physics.rigid_body import Robot
     from robot_energy_identify.starter import read_arm, read_description, starter_text
+    from robot_energy_identify.starter.model_remarks import implausible
 
     out = Path(args.out)
     if os.path.lexists(out):

@@ -1,66 +1,51 @@
-"""`robot-energy optimize`: the same work with less energy."""
+r"""`robot-energy optimize`: programs that need less energy for the same work.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from pathlib import Path
-from typing import Any
-
-from robot_energy.replay.options import PART
-from robot_energy_cli.command import REQUIRED, Command, add_option, add_options, flags, keywords_of
-from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy_cli.tool_options import add_tool, tool_options
-from robot_energy_plan.options import TOOL, OptimizeOptions
-
-DESCRIPTION = """\
 Look for the speeds, accelerations, pauses and states at rest with which a program needs least
 energy, at the motor temperatures that you give. What each measure saves has a 90 % band, in which
 errors that both programs share cancel; a saving smaller than its band is not claimed. Faster can be
 cheaper, and a cold robot can need other speeds than a warm one. Nothing is measured here.
 Paths stay as they are, so collisions stay as they were.
-"""
-EPILOG = """\
+
 examples:
-  robot-energy optimize src/examples/programs/kr16_pick_and_place.yaml --model kr16 \\
+  robot-energy optimize src/examples/programs/kr16_pick_and_place.yaml --model kr16 \
       --temperature 20..60 --out cheaper.yaml
   robot-energy optimize moves.yaml --model m.yaml --cycle-time 12 --standby --report savings.html
   robot-energy optimize recorded_bag --start 12 --end 31.5 --free-rests --model m.yaml
 """
 
+from __future__ import annotations
 
-OPTIONS = {
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from robot_energy.replay.options import PART
+from robot_energy_cli.command import REQUIRED, Command, Options, flags, keywords_of
+from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
+from robot_energy_cli.tool_options import tool_options, tool_table
+from robot_energy_plan.options import TOOL, OptimizeOptions
+
+OPTIONS: Options = {
+    "program PROGRAM|BAG": "YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a "
+    "bag, or a bag of recorded joint states",
     "--model FILE|NAME": ("model of the robot", REQUIRED),
     "--temperature DEGC|A..B": "temperature of all motors, or the range in which they work "
     "(default: that of the model)",
     **flags(OptimizeOptions, ""),
+    "G-code": {**tool_table(), **flags(OptimizeOptions, TOOL)},
+    "part of recorded joint states: one cycle": flags(OptimizeOptions, PART),
+    "output": {
+        "--out FILE": "write the chosen program in the form of the given one",
+        **OUTPUTS,
+        "--plot FILE": "draw savings and trade-offs: png, svg, pdf",
+    },
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "program",
-        metavar="PROGRAM|BAG",
-        help="YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a bag "
-        "of recorded joint states",
-    )
-    add_options(parser, OPTIONS)
-    tool = parser.add_argument_group("G-code")
-    add_tool(tool)
-    add_options(tool, flags(OptimizeOptions, TOOL))
-    add_options(
-        parser.add_argument_group("part of recorded joint states: one cycle"),
-        flags(OptimizeOptions, PART),
-    )
-    output = parser.add_argument_group("output")
-    add_option(output, "--out FILE", "write the chosen program in the form of the given one")
-    add_options(output, OUTPUTS | {"--plot FILE": "draw savings and trade-offs: png, svg, pdf"})
 
 
 def _run(args: Namespace) -> int:
     from robot_energy.foundation.files.placement import all_or_none
     from robot_energy_plan.api.optimize import optimize
-    from robot_energy_report.document import Document
-    from robot_energy_report.optimization import measures_and_front, optimization_document
+    from robot_energy_report.optimization import measures_and_front
 
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     with progress(f"{args.program}: every move in every way") as show:
@@ -69,19 +54,18 @@ def _run(args: Namespace) -> int:
             "progress": show,
         }
         found = optimize(args.program, args.model, _temperature(args.temperature), **options)
-    page = Document(
-        "Less energy for the same work",
-        "A program as it is and as chosen, through the model of the robot. "
-        "Nothing in this report was measured.",
-    )
-    optimization_document(found.report, page)
     with all_or_none():
         if args.out is not None:
             found.write(Path(args.out))
         present(
-            args, found.report, page, "the chosen program",
+            args,
+            found.report,
+            "Less energy for the same work",
+            "A program as it is and as chosen, through the model of the robot. "
+            "Nothing in this report was measured.",
+            "the chosen program",
             lambda path: measures_and_front(found.report, path),
-        )  # fmt: skip
+        )
     return 0
 
 
@@ -99,11 +83,4 @@ def _temperature(text: str | None) -> float | tuple[float, float] | None:
     return values[0] if len(values) == 1 else (values[0], values[1])
 
 
-COMMAND = Command(
-    "optimize",
-    "programs that need less energy for the same work",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

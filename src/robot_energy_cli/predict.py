@@ -1,17 +1,33 @@
-"""`robot-energy predict`: the energy of motion programs before they are run."""
+r"""`robot-energy predict`: the energy of motion programs before they are run.
+
+Predict the energy of motion programs before they are run, for one or several robots, at
+the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
+of point-to-point moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as
+CSV. A prediction uses the same stages as live operation and replay, and states the power of
+bodies, friction, drives, constant losses and brake. Nothing is measured here. Collisions are not
+checked.
+
+examples:
+  robot-energy predict moves.yaml --model kr16 --temperature 20 --temperature 60
+  robot-energy predict wall_layer.gcode --model mantis --base=-1.2,-0.2,0 \
+      --model testbed --base 0,0,0 --model irb4600 --base=-1,0.15,0 --temperature 40 \
+      --report wall.html
+  robot-energy predict wall.stl --layer-height 10 --model mantis --base=-1.2,-0.2,0 \
+      --temperature 40
+"""
 
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy_cli.command import Command, add_options, flags
+from robot_energy_cli.command import LIST, Command, Options, flags
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
-from robot_energy_cli.tool_options import AT_ORIGIN, START, add_tool, tool_options
+from robot_energy_cli.tool_options import AT_ORIGIN, START, tool_options, tool_table
 from robot_energy_plan.options import PAYLOAD_LINK, PredictOptions
 
 if TYPE_CHECKING:
@@ -24,26 +40,10 @@ if TYPE_CHECKING:
 MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
 SEVERAL_REQUIRED: dict[str, Any] = {"required": True, "action": "append"}
-DESCRIPTION = """\
-Predict the energy of motion programs before they are run, for one or several robots, at
-the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
-of point-to-point moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as
-CSV. A prediction uses the same stages as live operation and replay, and states the power of
-bodies, friction, drives, constant losses and brake. Nothing is measured here. Collisions are not
-checked.
-"""
-EPILOG = """\
-examples:
-  robot-energy predict moves.yaml --model kr16 --temperature 20 --temperature 60
-  robot-energy predict wall_layer.gcode --model mantis --base=-1.2,-0.2,0 \\
-      --model testbed --base 0,0,0 --model irb4600 --base=-1,0.15,0 --temperature 40 \\
-      --report wall.html
-  robot-energy predict wall.stl --layer-height 10 --model mantis --base=-1.2,-0.2,0 \\
-      --temperature 40
-"""
 
 
-OPTIONS = {
+OPTIONS: Options = {
+    "program PROGRAM": ("program of motion", LIST),
     "--model FILE|NAME": (
         "model of the robot; repeat the option for several robots",
         SEVERAL_REQUIRED,
@@ -55,30 +55,20 @@ OPTIONS = {
     ),
     **flags(PredictOptions, ""),
     "--topic NAME": "of the JointTrajectory in a bag",
+    "output": {**OUTPUTS, "--plot FILE": "draw energy and power: png, svg or pdf"},
+    "G-code and shapes": tool_table(several=True),
+    "shapes\nan STL file is cut into layers; no infill": {
+        "--layer-height MM": "default 10 mm",
+        "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
+        "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
+        "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
+    },
 }
-SHAPE = {
-    "--layer-height MM": "default 10 mm",
-    "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
-    "--bead-width MM": "the tool runs half of it inside the surface; default 0 mm",
-    "--stl-unit": ("default mm", {"choices": ("mm", "m", "inch"), "default": "mm"}),
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("program", nargs="+", metavar="PROGRAM", help="program of motion")
-    add_options(parser, OPTIONS)
-    output = parser.add_argument_group("output")
-    add_options(output, OUTPUTS | {"--plot FILE": "draw energy and power: png, svg or pdf"})
-    add_tool(parser.add_argument_group("G-code and shapes"), several=True, also=("--start",))
-    shape = parser.add_argument_group("shapes", "an STL file is cut into layers; no infill")
-    add_options(shape, SHAPE)
 
 
 def _run(args: Namespace) -> int:
     from robot_energy_plan.results.prediction import PredictionsReport
-    from robot_energy_report.document import Document
-    from robot_energy_report.prediction import labels, prediction_document
-    from robot_energy_report.prediction_figure import energy_and_power
+    from robot_energy_report.prediction import energy_and_power, labels
 
     check_outputs(args, [*args.program, *args.model])
     count = len(args.program) * len(args.model) * len(args.temperature)
@@ -86,18 +76,15 @@ def _run(args: Namespace) -> int:
         raise MotionError(f"{count} predictions were asked for", f"at most {MAX_RUNS}")
     found = _predictions(args)
     runs, results = tuple(one.report for one in found), [one.prediction for one in found]
-    report = PredictionsReport(runs)
-    page = Document(
+    present(
+        args,
+        PredictionsReport(runs),
         "Predicted energy",
         "Motion programs before they are run, through the models of the robots. "
         "Nothing in this report was measured.",
+        plot=lambda to: energy_and_power(results, [run.energy for run in runs], labels(runs), to),
+        results=results,
     )
-    prediction_document(report, page, results)
-
-    def plot(path: str) -> None:
-        energy_and_power(results, [run.energy for run in runs], labels(runs), path)
-
-    present(args, report, page, plot=plot)
     return 0
 
 
@@ -193,11 +180,4 @@ def _payload(text: str) -> Payload:
     return payload(link or PAYLOAD_LINK, values[0], values[1:] or (0.0, 0.0, 0.0), source=text)
 
 
-COMMAND = Command(
-    "predict",
-    "the energy of motion programs before they are run",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,9 +1,29 @@
-"""`robot-energy replay`: run a bag through the model and say where its energy went."""
+"""`robot-energy replay`: where the energy of a recorded bag went.
+
+Run a recorded bag through the model of its robot and print where the energy went:
+predicted and measured over the same time, per joint, per loss and per phase, and which
+samples were rejected for which reason.
+
+Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
+sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type,
+name the one to use. Describe other types in the parameter file of the monitor (--inputs).
+
+examples:
+  robot-energy replay bag --model kr16
+  robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
+  robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
+  robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
+  robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
+  robot-energy replay bag --model kr16 --effort motor_torque
+  robot-energy replay bag --model kr16 --serve
+  robot-energy replay long_bag --model kr16 --processes 2
+  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
+"""
 
 from __future__ import annotations
 
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +32,14 @@ from robot_energy.foundation.errors import PageError, ReportError
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import OUTPUTS as WRITTEN
 from robot_energy.replay.options import ReplayOptions
-from robot_energy_cli.command import Command, Options, add_options, flags
+from robot_energy_cli.command import Command, Options, flags
 from robot_energy_cli.replay_arguments import (
     BAG,
     DAMAGED,
     PAGE,
-    add_replay,
     model_named,
     options_given,
+    replay_options,
 )
 from robot_energy_cli.terminal import JSON_OPTION, check_bag, check_outputs, present, progress
 
@@ -34,50 +54,26 @@ if TYPE_CHECKING:
 
 CHECKED_TIME = 600.0  # s of a recording
 DIFFERENCE = 0.03  # of shaft energies, over measured out + back: more has a cause
-DESCRIPTION = """\
-Run a recorded bag through the model of its robot and print where the energy went:
-predicted and measured over the same time, per joint, per loss and per phase, and which
-samples were rejected for which reason.
-
-Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
-sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type,
-name the one to use. Describe other types in the parameter file of the monitor (--inputs).
-"""
-EPILOG = """\
-examples:
-  robot-energy replay bag --model kr16
-  robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
-  robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
-  robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
-  robot-energy replay bag --model kr16 --effort motor_torque
-  robot-energy replay bag --model kr16 --serve
-  robot-energy replay long_bag --model kr16 --processes 2
-  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
-"""
 
 
-OUTPUTS: Options = {
-    **flags(ReplayOptions, WRITTEN),
-    **JSON_OPTION,
-    "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
-    "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium is "
-    "installed",
-}
-
-
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bag", help=BAG)
-    add_options(parser, flags(ReplayOptions, "processes"))
-    add_options(parser.add_argument_group("outputs"), OUTPUTS)
-    add_options(parser.add_argument_group("energy page"), PAGE)
-    add_options(parser, flags(ReplayOptions, "jobs"))
-    add_replay(
-        parser,
+OPTIONS: Options = {
+    "bag": BAG,
+    **flags(ReplayOptions, "processes"),
+    "outputs": {
+        **flags(ReplayOptions, WRITTEN),
+        **JSON_OPTION,
+        "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
+        "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium "
+        "is installed",
+    },
+    "energy page": PAGE,
+    **flags(ReplayOptions, "jobs"),
+    **replay_options(
         "",
         "run a second time with friction fixed at this temperature (default: the model's "
         "fallback temperature) and compare both",
-    )
+    ),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -85,10 +81,8 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
-    from robot_energy_report.document import Document
-    from robot_energy_report.replay import ReplayCurves, replay_document
-    from robot_energy_report.replay_figures import TemperatureHistory
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay import ReplayCurves
+    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
     named = model_named(args)
     inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
@@ -112,11 +106,19 @@ def _run(args: Namespace) -> int:
         changes = [change for _, change in runs]
         second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
         report = _explained(args, replay_report(results[0], change, second), model)
-        page, curves = Document(f"Where the energy went: {report.model.robot}"), None
+        curves = None
         if args.report is not None:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
-        replay_document(report, page, curves, settings=settings)
-        present(args, report, page, "bag", lambda path: _plot(path, results, changes))
+        title = f"Where the energy went: {report.model.robot}"
+        present(
+            args,
+            report,
+            title,
+            made="bag",
+            plot=lambda path: _plot(path, results, changes),
+            curves=curves,
+            settings=settings,
+        )
     _serve_page(args, recorded, results[0])
     return DAMAGED if results[0].problems else 0
 
@@ -158,7 +160,7 @@ def _explained(args: Namespace, report: ReplayReport, model: RobotModel) -> Repl
     if not _shafts_differ(report) or any((args.joint_states, args.meter, args.payload)):
         return report
     from robot_energy.bag.reader import TimeRange
-    from robot_energy.replay.inputs import driver_inputs, effort_meaning
+    from robot_energy.replay.setup import driver_inputs, effort_meaning
     from robot_energy_identify.check import check
 
     assert report.shaft is not None
@@ -226,8 +228,7 @@ def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> N
 
 def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     from robot_energy.timeline.blocks import MeterLocation
-    from robot_energy_report.replay_figures import power_and_energy
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import curves_of, power_and_energy
 
     first = results[0]
     curves = curves_of(results, changes)
@@ -241,6 +242,4 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
 
 
-COMMAND = Command(
-    "replay", "where the energy of a recorded bag went", _run, _options, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

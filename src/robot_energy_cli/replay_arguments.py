@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from typing import Any
 
 from robot_energy.foundation.errors import ModelFileError
@@ -15,8 +15,7 @@ from robot_energy.replay.options import (
     ROBOT,
     ReplayOptions,
 )
-from robot_energy_cli.command import Options, add_option, add_options, flags
-from robot_energy_cli.numbers import number_type
+from robot_energy_cli.command import ONE_OF, Options, flags, number_type
 
 INPUTS = flags(ReplayOptions, "inputs")
 MODEL_OR_ROBOT: Options = {
@@ -51,39 +50,30 @@ PAGE: Options = {
 }
 
 
-def add_replay(
-    parser: ArgumentParser, period: str | None = None, compare: str = "", fixed: bool = True
-) -> None:
-    """Add the options; the bags are added by the command itself.
+READING: Options = {  # how bags are read, without their robot
+    title: flags(ReplayOptions, title) for title in (TOPICS, SETTINGS, PART)
+}
+
+
+def replay_options(period: str | None = None, compare: str = "", fixed: bool = True) -> Options:
+    """Return the options of a command that replays bags, which it names itself.
 
     Args:
         period: What the averaging period is for; empty as of a replay; None: there is none.
     """
-    add_options(parser, MODEL_OR_ROBOT)
-    friction = parser.add_argument_group("friction") if fixed or compare else None
-    either = friction.add_mutually_exclusive_group() if friction else None
-    if either and fixed:
-        add_option(
-            either,
-            "--fixed-friction DEGC",
-            "keep friction at its value at this temperature, whatever was measured",
-            type=degc,
-        )
-    if either and compare:
-        add_option(either, "--compare DEGC", compare, nargs="?", const=AT_FALLBACK, type=degc)
-    settings = add_reading(parser)
-    for spelled, (text, words) in (
-        flags(ReplayOptions, PERIOD).items() if period is not None else ()
-    ):
-        add_option(settings, spelled, period or text, **words)
-
-
-def add_reading(parser: ArgumentParser) -> Any:
-    """Return the group of the settings, after adding how bags are read, without their robot."""
-    groups = {name: parser.add_argument_group(name) for name in (TOPICS, SETTINGS, PART)}
-    for title in (TOPICS, PART, SETTINGS):
-        add_options(groups[title], flags(ReplayOptions, title))
-    return groups[SETTINGS]
+    either: dict[str, Any] = {}
+    if fixed:
+        text = "keep friction at its value at this temperature, whatever was measured"
+        either["--fixed-friction DEGC"] = (text, {"type": degc})
+    if compare:
+        words = {"nargs": "?", "const": AT_FALLBACK, "type": degc}
+        either["--compare DEGC"] = (compare, words)
+    settings = flags(ReplayOptions, SETTINGS)
+    if period is not None:
+        for spelled, (text, words) in flags(ReplayOptions, PERIOD).items():
+            settings[spelled] = (period or text, words)
+    friction: Options = {"friction": {ONE_OF: either}} if either else {}
+    return {**MODEL_OR_ROBOT, **friction, **READING, SETTINGS: settings}
 
 
 def options_given(args: Namespace) -> Any:

@@ -1,36 +1,11 @@
-"""`robot-energy report`: one page about recordings, or about a result that was written before."""
+"""`robot-energy report`: one page about recorded bags, or about the JSON of a result.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy.replay.options import ReplayOptions
-from robot_energy_cli.command import Command, add_option, add_options, flags
-from robot_energy_cli.replay_arguments import (
-    BAG,
-    DAMAGED,
-    PAGE_SETTINGS,
-    add_replay,
-    model_named,
-    options_given,
-)
-from robot_energy_cli.terminal import check_report, console, progress, sign, wrote
-
-if TYPE_CHECKING:
-    from robot_energy.results.replay import ReplayReport
-    from robot_energy_report.replay import ReplayCurves
-
-DESCRIPTION = """\
 Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
 joints, temperatures and friction, phases, data quality, model. From recorded bags with the model
 of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
 Several recordings come in order of time: totals, one row each, and how error and power change.
 For robots with models of their own, give the JSON that `replay` wrote for each.
-"""
-EPILOG = """\
+
 examples:
   robot-energy report bag --model kr16 --out page.html
   robot-energy report cold warm hot --model kr16 --out page.html
@@ -38,17 +13,37 @@ examples:
   robot-energy report left.json right.json --out page.html
 """
 
+from __future__ import annotations
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("source", nargs="+", metavar="BAG|JSON", help=f"{BAG}; or a JSON file")
-    add_option(
-        parser,
-        "--out FILE",
-        "the report: .html, or .pdf where a Chromium is installed",
-        required=True,
-    )
-    add_replay(parser)
-    add_options(parser, {**PAGE_SETTINGS, **flags(ReplayOptions, "jobs")})
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy.replay.options import ReplayOptions
+from robot_energy_cli.command import LIST, REQUIRED, Command, Options, flags
+from robot_energy_cli.replay_arguments import (
+    BAG,
+    DAMAGED,
+    PAGE_SETTINGS,
+    model_named,
+    options_given,
+    replay_options,
+)
+from robot_energy_cli.terminal import check_report, console, progress, sign, wrote
+
+if TYPE_CHECKING:
+    from robot_energy.results.replay import ReplayReport
+    from robot_energy_report.replay import ReplayCurves
+
+
+OPTIONS: Options = {
+    "source BAG|JSON": (f"{BAG}; or a JSON file", LIST),
+    "--out FILE": ("the report: .html, or .pdf where a Chromium is installed", REQUIRED),
+    **replay_options(),
+    **PAGE_SETTINGS,
+    **flags(ReplayOptions, "jobs"),
+}
 
 
 def _run(args: Namespace) -> int:
@@ -100,8 +95,7 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     from robot_energy.replay.setup import ReplaySetup
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
-    from robot_energy_report.replay_figures import TemperatureHistory
-    from robot_energy_report.series import curves_of
+    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
     model, change = load(model_named(args)), None
     if args.fixed_friction is not None:
@@ -115,11 +109,4 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     return replay_report(result, change), curves, bool(result.problems)
 
 
-COMMAND = Command(
-    "report",
-    "one page about recorded bags, or about the JSON of a result",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -21,7 +21,6 @@ from robot_energy.foundation.files.regular_file import read_regular
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
 from robot_energy.results.base import SCHEMA_VERSION, Result
-from robot_energy.results.model import ModelReport
 from robot_energy.results.replay import ReplayReport
 from robot_energy_fleet.results.advice import AdviceReport
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
@@ -40,6 +39,7 @@ from robot_energy_identify.results.identification import (
 from robot_energy_plan.results.optimization import OptimizationReport
 from robot_energy_plan.results.prediction import PredictionsReport
 from robot_energy_plan.results.shared_bus import SharedBusReport
+from robot_energy_report.model import ModelReport
 
 RESULTS: dict[str, type[Result]] = {
     kind.NAME: kind
@@ -73,11 +73,7 @@ LOOSE = ConfigDict(arbitrary_types_allowed=True)  # arrays
 
 
 def schema_of(name: str | None = None) -> dict[str, Any]:
-    """Return the JSON Schema of results.
-
-    Args:
-        name: Of one result, a key of `RESULTS`; None for a schema that every result fits.
-    """
+    """Return the JSON Schema of one result, or of all in one."""
     if name is None:
         return _document(f"results of robot-energy, version {SCHEMA_VERSION}", RESULTS.values())
     if name not in RESULTS:

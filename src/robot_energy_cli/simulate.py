@@ -1,12 +1,26 @@
-"""`robot-energy simulate`: record the virtual test rig to a bag."""
+"""`robot-energy simulate`: record the virtual test rig to a bag.
+
+Simulate a robot with its cabinet, motor temperature sensors and grid meter, and record their
+messages to a bag. The plant knows effects that the model under test does not:
+Stribeck and load-dependent friction, lubricant, copper, iron and inverter loss, sensor
+errors. Nothing is measured on a robot: results on the rig show that the method works.
+With --plant-seed the plant's friction, losses and constants are drawn at random, and any model
+file gives the bodies. With --hard come effects that no model file has a term for: elastic
+joints, presliding, Coulomb friction that falls with temperature, viscous friction of a lower
+power of speed, a fan, and filtered and offset sensors.
+
+example:
+  robot-energy simulate --robot kr16 --duration 60 --start-temperature 20 --out cold
+  robot-energy replay cold --model kr16 --compare
+"""
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from robot_energy_cli.command import REQUIRED, Command, add_options
+from robot_energy_cli.command import REQUIRED, Command, Options
 from robot_energy_cli.terminal import check_bag, console, wrote
 
 if TYPE_CHECKING:
@@ -17,48 +31,29 @@ RATE = 250.0  # Hz
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, MIN_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
-DESCRIPTION = """\
-Simulate a robot with its cabinet, motor temperature sensors and grid meter, and record their
-messages to a bag. The plant knows effects that the model under test does not:
-Stribeck and load-dependent friction, lubricant, copper, iron and inverter loss, sensor
-errors. Nothing is measured on a robot: results on the rig show that the method works.
-With --plant-seed the plant's friction, losses and constants are drawn at random, and any model
-file gives the bodies. With --hard come effects that no model file has a term for: elastic
-joints, presliding, Coulomb friction that falls with temperature, viscous friction of a lower
-power of speed, a fan, and filtered and offset sensors.
-"""
-EPILOG = """\
-example:
-  robot-energy simulate --robot kr16 --duration 60 --start-temperature 20 --out cold
-  robot-energy replay cold --model kr16 --compare
-"""
 
-
-OPTIONS = {
-    "--robot NAME": f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
+OPTIONS: Options = {
+    "--robot NAME": (
+        f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",
+        {"default": "kr16"},
+    ),
     "--plant-seed N": "draw friction, losses and constants of the plant at random",
     "--hard": "effects without a term in models",
     "--out BAG": ("folder of the new bag", REQUIRED),
-    "--duration S": "default 60 s",
-    "--start-temperature DEGC": "of motors and gears (default 20 degC)",
-    "--ambient DEGC": "default 20 degC",
-    "--seed N": "of program and sensor errors; the same seed gives the same bag",
+    "--duration S": ("default 60 s", {"default": 60.0}),
+    "--start-temperature DEGC": ("of motors and gears (default 20 degC)", {"default": 20.0}),
+    "--ambient DEGC": ("default 20 degC", {"default": 20.0}),
+    "--seed N": ("of program and sensor errors; the same seed gives the same bag", {"default": 0}),
     "--device-seed N": "of the constant errors of meter and sensors: recordings of one robot "
     "have the same (default: that of --seed)",
-    "--speedup FACTOR": "factor on how fast temperatures change (default 1)",
-    "--rate HZ": f"of the joint states (default {RATE:g} Hz)",
-    "--override SHARE": "share of full speed, above 0 to 1 (default 1)",
-    "--dwell S": "rest after every motion (default 0.2 s)",
+    "--speedup FACTOR": ("factor on how fast temperatures change (default 1)", {"default": 1.0}),
+    "--rate HZ": (f"of the joint states (default {RATE:g} Hz)", {"default": RATE}),
+    "--override SHARE": ("share of full speed, above 0 to 1 (default 1)", {"default": 1.0}),
+    "--dwell S": ("rest after every motion (default 0.2 s)", {"default": 0.2}),
     "--drive-power": "record the electrical input of each drive as well, on /drive_power",
     "--auxiliary": "record a pump and an extruder as well, with meters and states of their own",
     "--overwrite": "replace the bag of --out",
 }
-
-
-def _options(parser: ArgumentParser) -> None:
-    add_options(parser, OPTIONS)
-    rig = {"robot": "kr16", "start_temperature": 20.0, "ambient": 20.0, "seed": 0, "speedup": 1.0}
-    parser.set_defaults(**rig, duration=60.0, rate=RATE, override=1.0, dwell=0.2)
 
 
 def _run(args: Namespace) -> int:
@@ -117,6 +112,4 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
     )
 
 
-COMMAND = Command(
-    "simulate", "record the virtual test rig to a bag", _run, _options, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -144,31 +144,35 @@ def check_bag(
 
 
 def write_json(path: str, summary: Mapping[str, Any]) -> None:
-    """Write a JSON document whole or not at all; ``-`` is the standard output.
-
-    Args:
-        summary: Its content, as `Result.to_dict` gives it: no number is infinite or NaN.
-    """
+    """Write a JSON document whole or not at all; ``-`` is the standard output."""
     write_file(path, json_bytes(summary), JSON, "the JSON report")
 
 
 def present(
     args: Namespace,
     result: Result,
-    page: Document,
+    title: str = "",
+    lead: str = "",
     made: str = "model file",
     plot: Callable[[str], object] | None = None,
     model: RobotModel | None = None,
+    notes: Sequence[str] = (),
+    **words: Any,
 ) -> None:
     """Write JSON, page and figure where they were asked for, put all in place, and print.
 
     Args:
         args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
+        notes: At the end of the page.
+        words: Of the document of the result.
     """
     from robot_energy.model import save
+    from robot_energy_report.document import document_of
     from robot_energy_report.html import write_page
     from robot_energy_report.printing import print_document
 
+    page = document_of(result, title, lead, **words)
+    page.notes(notes)
     named = ("json", "out", "report", "plot")
     files = {name: getattr(args, name, None) for name in named}
     with all_or_none():
@@ -208,11 +212,7 @@ def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
 
 
 def sign(args: Namespace, page: Document) -> None:
-    """Add the command line that makes a page, as it was typed.
-
-    Args:
-        args: Of the command line, with its words as `main` keeps them.
-    """
+    """Add the command line that makes a page, as it was typed."""
     with page.only("page"):
         page.paragraph("This report was made by")
         page.paragraph(shlex.join(["robot-energy", *getattr(args, "command", ())]), "command")

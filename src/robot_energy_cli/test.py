@@ -1,65 +1,58 @@
-"""`robot-energy test`: how good a model is on recordings, fitted or not."""
+"""`robot-energy test`: how good a model is on recordings: torque, shafts, power and metered energy.
 
-from __future__ import annotations
-
-from argparse import ArgumentParser, Namespace
-from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from robot_energy.foundation.errors import ModelFileError
-from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy_cli.command import Command, add_option, add_options
-from robot_energy_cli.replay_arguments import (
-    AT_FALLBACK,
-    BAG,
-    DAMAGED,
-    add_replay,
-    model_named,
-    options_given,
-)
-from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
-
-if TYPE_CHECKING:
-    from robot_energy_identify.results.evaluation import EvaluationReport
-
-DESCRIPTION = """\
 Compare a model with what was measured: torque of every motor, shaft energy, power and energy at
 the meter. The same model with friction at one temperature and a prediction of zero are compared
 in the same way. It says of each recording whether the model was identified from it: figures on
 such a recording are not held out, and say little of others.
-"""
-EPILOG = """\
+
 examples:
   robot-energy test cold warm --model my_robot.yaml --effort motor_torque
   robot-energy test bag --model kr16 --compare 60 --json test.json --report test.html
   robot-energy test --log log.csv --mapping cell.yaml --model my_robot.yaml
 """
 
+from __future__ import annotations
 
-def _options(parser: ArgumentParser) -> None:
-    parser.add_argument("bags", nargs="*", metavar="BAG", help=BAG)
-    add_option(
-        parser,
-        "--log LOG",
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.process_memory import keep_freed_memory
+from robot_energy_cli.command import LIST, Command, Options
+from robot_energy_cli.replay_arguments import (
+    AT_FALLBACK,
+    BAG,
+    DAMAGED,
+    model_named,
+    options_given,
+    replay_options,
+)
+from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, present, progress
+
+if TYPE_CHECKING:
+    from robot_energy_identify.results.evaluation import EvaluationReport
+
+
+OPTIONS: Options = {
+    "bags BAG": (BAG, {"nargs": "*"}),
+    "--log LOG": (
         "instead of bags: tables (CSV, plain or .gz, Parquet), each a recording; or their "
         "folder, if the mapping names the files",
-        nargs="+",
-    )
-    add_option(parser, "--mapping FILE", "what the columns of the log mean")
-    outputs = parser.add_argument_group("outputs")
-    add_options(outputs, TABLE_OUTPUTS)
-    add_replay(
-        parser,
+        LIST,
+    ),
+    "--mapping FILE": "what the columns of the log mean",
+    "outputs": TABLE_OUTPUTS,
+    **replay_options(
         compare="temperature of the fixed friction that the model is compared with (default: the "
         "model's fallback temperature)",
         fixed=False,
-    )
+    ),
+}
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_report.document import Document
-    from robot_energy_report.evaluation import evaluation_document
     from robot_energy_report.formats import counted
 
     if bool(args.bags) == bool(args.log):
@@ -71,12 +64,12 @@ def _run(args: Namespace) -> int:
     check_outputs(args, given)
     keep_freed_memory()
     report = _of_logs(args, named) if args.log else _evaluated(args, args.bags, named)
-    page = Document(
+    present(
+        args,
+        report,
         f"Test of {report.model.robot}",
         f"Model {report.model.model_id} on {counted(len(report.recordings), 'recording')}.",
     )
-    evaluation_document(report, page)
-    present(args, report, page)
     return DAMAGED if any(one.problems for one in report.recordings) else 0
 
 
@@ -117,11 +110,4 @@ def _of_logs(args: Namespace, model: str) -> EvaluationReport:
     return replace(report, recordings=tuple(recordings))
 
 
-COMMAND = Command(
-    "test",
-    "how good a model is on recordings: torque, shafts, power and energy at the meter",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

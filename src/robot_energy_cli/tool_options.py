@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from robot_energy_cli.command import Options, add_option, add_options
+from robot_energy_cli.command import Options
 
 if TYPE_CHECKING:
     from robot_energy_plan.motion.load_motion import ToolOptions
@@ -17,41 +17,35 @@ AT_ORIGIN = (
     "not turned"
 )
 START = "--start-position"
-TOOL: Options = {
-    "--tool LINK": ("default tool0", {"default": "tool0"}),
-    "--tool-acceleration A": "greatest acceleration of the tool [m/s^2], default 2, assumed",
-    "--corner-tolerance MM": "greatest distance of the path from a corner, default 3 mm; with 0 "
-    "the tool stops in every corner",
-    "--smoothing S": "time over which the tool's motion is smoothed, default 0.02 s",
-    "--rapid M_PER_S": "speed of G0 where no F counts for it, default 0.25 m/s",
-    "--flavor NAME": (
-        "whose G-code it is: marlin, reprapfirmware, klipper, grbl or linuxcnc; default: found "
-        "from the program",
-        {"choices": ("marlin", "reprapfirmware", "klipper", "grbl", "linuxcnc")},
-    ),
-}
 
 
-def add_tool(group: Any, several: bool = False, also: tuple[str, ...] = ()) -> None:
-    """Add the options."""
-    action = "append" if several else "store"
+def tool_table(several: bool = False) -> Options:
+    """Return the options, for one robot or for several."""
+    words = {"action": "append" if several else "store"}
     each = "; once for all robots, or once per model" if several else ""
-    add_option(
-        group,
-        "--base X,Y,Z[,YAW]",
-        "where the robot's base stands in the frame of the program [m], and its turn about "
-        f"the vertical axis [deg]{each}",
-        action=action,
-    )
-    group.add_argument(
-        START,
-        *also,
-        action=action,
-        metavar="Q,Q,...",
-        help="joint positions near the first one [rad or m], which decide elbow and wrist"
-        f"{each} (default: middle of the ranges, bent)",
-    )
-    add_options(group, TOOL)
+    return {
+        "--base X,Y,Z[,YAW]": (
+            "where the robot's base stands in the frame of the program [m], and its turn about "
+            f"the vertical axis [deg]{each}",
+            words,
+        ),
+        f"{START}{'/--start' if several else ''} Q,Q,...": (
+            "joint positions near the first one [rad or m], which decide elbow and wrist"
+            f"{each} (default: middle of the ranges, bent)",
+            words,
+        ),
+        "--tool LINK": ("default tool0", {"default": "tool0"}),
+        "--tool-acceleration A": "greatest acceleration of the tool [m/s^2], default 2, assumed",
+        "--corner-tolerance MM": "greatest distance of the path from a corner, default 3 mm; with "
+        "0 the tool stops in every corner",
+        "--smoothing S": "time over which the tool's motion is smoothed, default 0.02 s",
+        "--rapid M_PER_S": "speed of G0 where no F counts for it, default 0.25 m/s",
+        "--flavor NAME": (
+            "whose G-code it is: marlin, reprapfirmware, klipper, grbl or linuxcnc; default: found "
+            "from the program",
+            {"choices": ("marlin", "reprapfirmware", "klipper", "grbl", "linuxcnc")},
+        ),
+    }
 
 
 def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:

@@ -9,8 +9,8 @@ from typing import Unpack
 from robot_energy.foundation.options import takes
 from robot_energy.model import RobotModel
 from robot_energy.presets import ROBOTS
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReadOptions
+from robot_energy.replay.setup import ModelName, model_of
 from robot_energy_fleet import report
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset, read_tables

@@ -6,13 +6,14 @@ import csv
 import io
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from robot_energy import __version__
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel, load
@@ -36,29 +37,27 @@ MAX_SHOWN = 40
 SHORT = 20  # characters that always fit into it
 
 
-@dataclass(frozen=True)
-class FleetBag:
-    """A bag to replay, with all that a worker needs but the model.
-
-    Attributes:
-        programme: What the robot did; may be empty.
-        options: Of the replay, plain values under the names of `ReplayOptions`.
-        texts: Text of files among the options, by option: workers need not have the files.
-        named: Addresses under which a table names it.
-        with_history: Whether its registers at each minute are wanted as well.
-    """
+class FleetBag(Described):
+    """A bag to replay, with all that a worker needs but the model."""
 
     place: BagPlace
     robot: str
-    programme: str = ""
+    programme: Annotated[str, "What the robot did; may be empty."] = ""
     shift: str = ""
     model: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    texts: Mapping[str, str] = field(default_factory=dict[str, str])
+    options: Annotated[
+        Mapping[str, Any], "Of the replay, plain values under the names of `ReplayOptions`."
+    ] = field(default_factory=dict[str, Any])
+    texts: Annotated[
+        Mapping[str, str],
+        "Text of files among the options, by option: workers need not have the files.",
+    ] = field(default_factory=dict[str, str])
     model_digest: str = ""
     version: str = __version__
-    named: tuple[str, ...] = ()
-    with_history: bool = False
+    named: Annotated[tuple[str, ...], "Addresses under which a table names it."] = ()
+    with_history: Annotated[bool, "Whether its registers at each minute are wanted as well."] = (
+        False
+    )
 
     @cached_property
     def settings(self) -> str:
@@ -159,7 +158,10 @@ def list_bags(
         place = bag.place
         try:
             if place.problem is None:
-                bag = replace(bag, model_digest=_digest_of(bag, models))
+                if not bag.model:
+                    column = "--model, or a column 'model' of the table"
+                    raise DatasetError(f"no model for {place.address}", column)
+                bag = replace(bag, model_digest=models.digest_of(bag.model))
             found.append(bag)
         except RobotEnergyError as error:
             if not is_table:
@@ -180,14 +182,6 @@ def _of_robot(bag: FleetBag) -> FleetBag:
     )
     problem = bag.place.problem or long
     return replace(bag, robot=robot[:SHORT], place=replace(bag.place, problem=problem))
-
-
-def _digest_of(bag: FleetBag, models: FleetModels) -> str:
-    if not bag.model:
-        raise DatasetError(
-            f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
-        )
-    return models.digest_of(bag.model)
 
 
 def _robot_of(address: str, is_folder: bool) -> str:

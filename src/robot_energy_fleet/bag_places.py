@@ -11,15 +11,15 @@ import json
 import os
 import stat
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from fsspec.core import url_to_fs  # type: ignore[import-untyped]
 from fsspec.implementations.local import LocalFileSystem  # type: ignore[import-untyped]
 
 from robot_energy.bag.mcap_records import MAGIC
 from robot_energy.bag.metadata import FILE_NAME
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.shown_text import shown
 
@@ -42,25 +42,21 @@ def digest(*parts: object) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
 
 
-@dataclass(frozen=True)
-class BagPlace:
-    """Where a bag is.
-
-    Attributes:
-        files: Addresses of its files with messages and metadata; none if it is not there.
-        sizes: Of these files. [bytes]
-        is_folder: Whether it is a folder of rosbag2.
-        is_local: Whether it can be read where it is.
-        problem: Why it cannot be used; None if nothing speaks against it.
-    """
+class BagPlace(Described):
+    """Where a bag is."""
 
     address: str
-    files: tuple[str, ...]
-    sizes: tuple[int, ...]
+    files: Annotated[
+        tuple[str, ...],
+        "Addresses of its files with messages and metadata; none if it is not there.",
+    ]
+    sizes: Annotated[tuple[int, ...], "Of these files. [bytes]"]
     state: str
-    is_folder: bool
-    is_local: bool
-    problem: Exception | None = None
+    is_folder: Annotated[bool, "Whether it is a folder of rosbag2."]
+    is_local: Annotated[bool, "Whether it can be read where it is."]
+    problem: Annotated[
+        Exception | None, "Why it cannot be used; None if nothing speaks against it."
+    ] = None
 
     @property
     def size(self) -> int:

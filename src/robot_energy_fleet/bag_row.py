@@ -6,17 +6,17 @@ import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any
 
 from robot_energy import __version__
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.metadata import FILE_NAME
-from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.foundation.kinds import load_kinds
@@ -31,39 +31,34 @@ from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import Phase
+from robot_energy_fleet.bag_joints import JointSums
 from robot_energy_fleet.bag_list import FleetBag
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_fleet.tables import JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_history.bags import BagReadings
 from robot_energy_history.readings import Reading, ReadingDecoder
+from robot_energy_identify.blas_threads import one_thread
 
 Row = dict[str, Any]
+_load_kinds = cache(load_kinds)  # of the user, which a worker has not loaded yet
 
 
-@dataclass(frozen=True)
-class BagRow:
-    """What a worker gives back.
+class BagRow(Described):
+    """What a worker gives back."""
 
-    Attributes:
-        key: Of which bag it is, and why that could not be used, if so.
-        problems: What was wrong with a bag that was used.
-        jobs_left_out: Jobs of which the bag holds a part only, how many.
-        observed_time: Predicted. [s]
-        peak_memory: Most memory that the process has held so far. [bytes]
-        history: Its registers at each minute and its jobs; None where nobody asked for them.
-    """
-
-    key: RowKey
+    key: Annotated[RowKey, "Of which bag it is, and why that could not be used, if so."]
     date: str
     data: bytes
-    problems: tuple[str, ...]
-    jobs_left_out: int
-    observed_time: float
-    peak_memory: int
-    history: BagReadings | None = None
+    problems: Annotated[tuple[str, ...], "What was wrong with a bag that was used."]
+    jobs_left_out: Annotated[int, "Jobs of which the bag holds a part only, how many."]
+    observed_time: Annotated[float, "Predicted. [s]"]
+    peak_memory: Annotated[int, "Most memory that the process has held so far. [bytes]"]
+    history: Annotated[
+        BagReadings | None,
+        "Its registers at each minute and its jobs; None where nobody asked for them.",
+    ] = None
 
 
 def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) -> BagRow:
@@ -87,11 +82,7 @@ def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) ->
 
 @one_thread
 def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
-    """Return the row of a bag; whatever is wrong with it becomes a row with the reason.
-
-    Args:
-        max_scratch: Size up to which a remote bag is copied here. [bytes]
-    """
+    """Return the row of a bag; whatever is wrong with it becomes a row with the reason."""
     if bag.version != __version__:
         raise DatasetError(
             f"a worker runs version {__version__}",
@@ -109,12 +100,6 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
             return _replayed(bag, bag_hash, path, model, scratch)
     except Exception as error:  # a bag stops no fleet
         return refused(bag, error, None if isinstance(error, OSError) else bag_hash)
-
-
-@cache
-def _load_kinds() -> None:
-    """Kinds of the user, which a worker has not loaded yet."""
-    load_kinds()
 
 
 def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:

@@ -18,9 +18,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
-from robot_energy.condition.buckets import DEGC_BUCKETS, degc_place, shares
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.condition.drift import BAGS, MIN_AFTER, MIN_BEFORE, DriftTest
+from robot_energy.condition.joint_friction import DEGC_BUCKETS, degc_place, shares
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.condition.wear_records import WearRecord
 from robot_energy.foundation.time_zone import local_time
@@ -53,11 +53,6 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
     between = _between(merged)
     test.take([record._replace(variance=record.variance + between) for record in merged])
     return test
-
-
-def is_enough(test: DriftTest) -> bool:
-    """Return whether a change could be seen."""
-    return len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS
 
 
 def _merged(records: list[WearRecord]) -> list[WearRecord]:
@@ -237,7 +232,7 @@ def _worn(
         if not np.isfinite(rest).any():  # too little motion in each bag to say how much
             continue
         test = wear_history(wear_records(own), duty[number])
-        if is_enough(test):
+        if len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS:
             tested.add(str(robot))
         if not test.changes:
             continue

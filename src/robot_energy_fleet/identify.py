@@ -8,19 +8,28 @@ bag, where there are few robots), and from the constant errors of sensors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import polars as pl
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS, FrictionLaw, LawEntry
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Int
-from robot_energy_fleet.bag_joints import bag_joints, sums_of_joint
+from robot_energy_fleet.bag_joints import (
+    COLUMNS,
+    MEASURED,
+    MODEL,
+    NODES_DEGC,
+    SIGN,
+    VISCOUS,
+    bag_joints,
+    sums_of_joint,
+)
 from robot_energy_fleet.findings import compare
-from robot_energy_fleet.joint_sums import COLUMNS, MEASURED, MODEL, NODES_DEGC, SIGN, VISCOUS
 from robot_energy_fleet.merged_laws import JointBags, MergedSums, without_nuisances
 from robot_energy_fleet.report import duty_of
 from robot_energy_fleet.results.fleet import FleetFriction, FleetTorqueScore
@@ -43,19 +52,12 @@ MIN_GROUPS = 5  # robots, from which on they are left out one by one
 MIN_INDEPENDENT = 0.01  # share of w^2 that its sign does not explain
 
 
-@dataclass(frozen=True)
-class TorqueScore:
-    """Error of a friction model on bags.
+class TorqueScore(Described):
+    """Error of a friction model on bags."""
 
-    Attributes:
-        rms: Of the torque. [N m]
-        relative: Norm of the error over that of the friction torque. [-]
-        energy_error: Predicted over measured friction energy, less 1. [-]
-    """
-
-    rms: float
-    relative: float
-    energy_error: float
+    rms: Annotated[float, "Of the torque. [N m]"]
+    relative: Annotated[float, "Norm of the error over that of the friction torque. [-]"]
+    energy_error: Annotated[float, "Predicted over measured friction energy, less 1. [-]"]
 
 
 def fit_merged(

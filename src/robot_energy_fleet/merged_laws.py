@@ -6,16 +6,18 @@ the nodes of temperature all sums of squares follow from the products of the col
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_fleet.joint_sums import (
+from robot_energy_fleet.bag_joints import (
     COLUMNS,
     INERTIA,
     MEASURED,
@@ -44,24 +46,15 @@ ROUNDING = 1e-12  # sum of squares of a nuisance that is none, such as gravity a
 DAMPING = 1e-6  # of a column of length 1, where a bag does not show a nuisance
 
 
-@dataclass(frozen=True)
-class JointBags:
-    """Sums of one joint in B bags.
-
-    Attributes:
-        gram: Sums of products, shape (B, COLUMNS, COLUMNS).
-        rows: Samples, shape (B,).
-        degc: Mean motor temperature, shape (B,). [degC]
-        robot: Number of the robot, shape (B,).
-        stamp_ns: When the bag begins, shape (B,). [ns]
-    """
+class JointBags(Described):
+    """Sums of one joint in B bags."""
 
     name: str
-    gram: Float
-    rows: Int
-    degc: Float
-    robot: Int
-    stamp_ns: Int
+    gram: Annotated[Float, "Sums of products, shape (B, COLUMNS, COLUMNS)."]
+    rows: Annotated[Int, "Samples, shape (B,)."]
+    degc: Annotated[Float, "Mean motor temperature, shape (B,). [degC]"]
+    robot: Annotated[Int, "Number of the robot, shape (B,)."]
+    stamp_ns: Annotated[Int, "When the bag begins, shape (B,). [ns]"]
 
     def only(self, bags: np.ndarray) -> JointBags:
         """Return some of the bags.
@@ -87,21 +80,14 @@ def without_nuisances(gram: Float) -> Float:
     return gram - np.swapaxes(right, 1, 2) @ np.linalg.solve(unit, right)
 
 
-@dataclass(frozen=True)
-class MergedSums:
-    """Sums of a joint, for fits of any shape over temperature.
-
-    Attributes:
-        whole: Their sums of products, shape (COLUMNS, COLUMNS).
-        group: Of bags that are left out together, shape (B,).
-        own_bodies: Whether the bodies of the model come from measured torque.
-    """
+class MergedSums(Described):
+    """Sums of a joint, for fits of any shape over temperature."""
 
     bags: JointBags
-    whole: Float
-    group: Int
+    whole: Annotated[Float, "Their sums of products, shape (COLUMNS, COLUMNS)."]
+    group: Annotated[Int, "Of bags that are left out together, shape (B,)."]
     sensors: SensorLimits
-    own_bodies: bool
+    own_bodies: Annotated[bool, "Whether the bodies of the model come from measured torque."]
     source: str
 
     def fit(self, shape: Float, names: tuple[str, ...], bend: Float | None = None) -> Fit:

@@ -20,11 +20,12 @@ All limits are divided by the number of comparisons.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float, Int
 
 MIN_SISTERS = 5  # robots with a figure, below which none is compared
@@ -38,37 +39,26 @@ PRIOR_BAGS = 5.0  # that the usual scatter of a bag counts for, in addition to a
 RIDGE = 1e-3  # of one bag, on every coefficient: a share that does not vary has none
 
 
-@dataclass(frozen=True)
-class Levels:
-    """Levels of the robots at the mean of what bags differ in.
+class Levels(Described):
+    """Levels of the robots at the mean of what bags differ in."""
 
-    Attributes:
-        level: NaN for a robot with too few bags, shape (R,). [unit of the figure]
-        std: Standard error, shape (R,).
-        bags: Bags behind each, shape (R,).
-        rest: Of each bag, its figure without ``z . b``, shape (B,).
-    """
-
-    level: Float
-    std: Float
-    bags: Int
-    rest: Float
+    level: Annotated[Float, "NaN for a robot with too few bags, shape (R,). [unit of the figure]"]
+    std: Annotated[Float, "Standard error, shape (R,)."]
+    bags: Annotated[Int, "Bags behind each, shape (R,)."]
+    rest: Annotated[Float, "Of each bag, its figure without ``z . b``, shape (B,)."]
 
 
-@dataclass(frozen=True)
-class Deviation:
-    """A robot that differs from its sisters.
-
-    Attributes:
-        size: Its level minus the mean of the sound ones. [unit of the figure]
-        std: Standard deviation of the size, by the scatter of bags and of sound sisters.
-        certainty: Probability that it is not chance, all comparisons considered. [-]
-    """
+class Deviation(Described):
+    """A robot that differs from its sisters."""
 
     robot: int
-    size: float
-    std: float
-    certainty: float
+    size: Annotated[float, "Its level minus the mean of the sound ones. [unit of the figure]"]
+    std: Annotated[
+        float, "Standard deviation of the size, by the scatter of bags and of sound sisters."
+    ]
+    certainty: Annotated[
+        float, "Probability that it is not chance, all comparisons considered. [-]"
+    ]
 
 
 def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray) -> Levels:

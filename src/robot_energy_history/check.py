@@ -58,9 +58,6 @@ def repair(folder: str | Path, now_ns: int) -> list[str]:
     one span over the whole time of these registers, marked as repaired: it is known how much it
     was, not when.
 
-    Args:
-        now_ns: Time of this computer. [ns]
-
     Returns:
         What was done, a sentence each.
     """

@@ -51,9 +51,6 @@ class CountedSpan(Described):
         """Return begin, end and flags of the slot that it is added to.
 
         Time in which nothing was observed carries no energy: it belongs to the slot of its end.
-
-        Args:
-            length_ns: Of a slot. [ns]
         """
         start = (self.end_ns - 1) // length_ns * length_ns
         if start <= self.begin_ns or not self.values[OBSERVED]:
@@ -199,11 +196,7 @@ def supersedes(reading: Reading, before: Reading) -> bool:
 
 
 def finished(waiting: Sequence[Reading], now_ns: int) -> int:
-    """Return how many readings are recorded now: a last one within a minute waits for its end.
-
-    Args:
-        now_ns: Time of this computer. [ns]
-    """
+    """Return how many readings are recorded now: a last one within a minute waits for its end."""
     if not waiting or waiting[-1].minute_ns or now_ns - waiting[-1].stamp_ns > 2 * MINUTE_NS:
         return len(waiting)
     return len(waiting) - 1

@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from robot_energy.foundation.errors import HistoryError
-from robot_energy.store.envelope import open_unlinked
+from robot_energy.store.slots import open_unlinked
 from robot_energy_history.schema import FILE, require_version, version_of
 
 DAMAGED = (sqlite3.Error, UnicodeError)

@@ -21,11 +21,7 @@ _ADD = {
 def put_job(
     connection: sqlite3.Connection, until_ns: int, robot: int, job: Mapping[str, Any]
 ) -> None:
-    """Put a job in, by `JOB_COLUMNS`; one that is there already is replaced.
-
-    Args:
-        until_ns: Up to where jobs are rolled up. [ns]
-    """
+    """Put a job in, by `JOB_COLUMNS`, perhaps in place of itself; sums go up to ``until_ns``."""
     held = connection.execute(
         f"SELECT {_HELD} FROM job WHERE robot = ? AND start = ? AND id = ?",
         (robot, job["start"], job["id"]),
@@ -45,11 +41,7 @@ def put_job(
 def drop_jobs(
     connection: sqlite3.Connection, until_ns: int, robot: int, first_id: int, last_id: int
 ) -> None:
-    """Take jobs out by their numbers, both ends included.
-
-    Args:
-        until_ns: Up to where jobs are rolled up. [ns]
-    """
+    """Take jobs out by their numbers, both ends included; sums go up to ``until_ns``."""
     which = "FROM job WHERE robot = ? AND id >= ? AND id <= ?"
     span = (robot, first_id, last_id)
     for row in connection.execute(f"SELECT {_HELD} {which}", span).fetchall():

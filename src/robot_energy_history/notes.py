@@ -60,10 +60,6 @@ class WaitingNotes:
     ) -> int:
         """Put all into a history.
 
-        Args:
-            until_ns: Up to where jobs are rolled up. [ns]
-            number: Gives the number of a robot by its name.
-
         Returns:
             How many were refused, as the tables cannot hold them.
         """

@@ -74,7 +74,6 @@ def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -
 
     Args:
         start_ns: Begin of the time; its part begins at or before it. [ns]
-        stop_ns: End of the time. [ns]
         zone: Where days, weeks (from Monday), months and years begin at midnight; hours
             begin where those of the zone do.
     """
@@ -100,11 +99,7 @@ def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -
 
 
 def robots_of(connection: sqlite3.Connection, names: Sequence[str] = ()) -> dict[str, int]:
-    """Return the numbers of robots by their names.
-
-    Args:
-        names: Which; empty for all.
-    """
+    """Return the numbers of robots by name, those of all where none is named."""
     known: dict[str, int] = dict(
         connection.execute("SELECT name, id FROM robot ORDER BY name").fetchall()
     )
@@ -208,12 +203,7 @@ def not_resolved(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int], *,
     minutes: bool = False,
 ) -> TimeSeries:  # fmt: skip
-    """Return the spans that lie in no part, with their true begin and end, in order of time.
-
-    Args:
-        bounds: As in `sums`. [ns]
-        minutes: As in `sums`.
-    """
+    """Return the spans that lie in no part, with their true begin and end, in order of time."""
     first, last = bounds[0], bounds[-1]
     put_parts(connection, robots, pairwise(bounds))
     own = "some r CROSS JOIN slot15 s", "s.flags & 1", -1, last

@@ -105,9 +105,6 @@ def curves_of(blobs: Sequence[bytes]) -> NDArray[np.int64]:
 def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
     """Roll up days that have ended, some at once.
 
-    Args:
-        now_ns: Time of this computer. [ns]
-
     Returns:
         Up to where it is rolled up.
     """
@@ -125,9 +122,6 @@ def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
 
 def thin(connection: sqlite3.Connection, rolled: Rolled, keep_from_ns: int) -> Rolled:
     """Drop quarter hours of days that are rolled up and too old, some at once.
-
-    Args:
-        keep_from_ns: Begin of what is kept. [ns]
 
     Returns:
         Up to where it is rolled up, and from where on there are quarter hours.

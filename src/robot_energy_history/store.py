@@ -140,11 +140,7 @@ class HistoryStore:
             return sum(map(len, held))
 
     def add(self, robot: str, readings: Iterable[Reading], origin: str = LIVE) -> None:
-        """Take readings, never waiting for the disk; of those within a minute the last is enough.
-
-        Args:
-            readings: In order of arrival.
-        """
+        """Take readings, never waiting for the disk; the last one within a minute is enough."""
         with self._mutex:
             known = {*self._robots, *(name for name, _ in (*self._waiting, *self._writing))}
             if robot not in known and len(known) >= MAX_ROBOTS:
@@ -164,11 +160,7 @@ class HistoryStore:
             waiting[:] = kept
 
     def add_jobs(self, robot: str, jobs: Iterable[Mapping[str, Any]]) -> None:
-        """Take job intervals that have ended; one that is there already is replaced.
-
-        Args:
-            jobs: Values by `JOB_COLUMNS`.
-        """
+        """Take job intervals that have ended; one that is there already is replaced."""
         with self._mutex:
             self._notes.add_jobs(robot, jobs)
 

@@ -19,7 +19,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import HOUR_NS, JOULE_PER_KWH, MINUTE_NS, SECOND_NS
 from robot_energy.model.figure import ModelEntry
-from robot_energy.store.envelope import open_unlinked, read_regular
+from robot_energy.store.slots import open_unlinked, read_regular
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 MAX_PERIODS = 50
@@ -39,19 +39,12 @@ Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\
 
 
 class PricePeriod(ModelEntry):
-    """A time of the day with a price of its own.
+    """A time of the day with a price of its own."""
 
-    Attributes:
-        days: Days of the week on which it begins.
-        begin: Its first minute, local time.
-        end: The minute at which it ends; before ``begin``: on the next day.
-        price_per_kwh: Price. [currency/kWh]
-    """
-
-    days: tuple[Day, ...] = DAYS
-    begin: Clock
-    end: Clock
-    price_per_kwh: Price
+    days: Annotated[tuple[Day, ...], "Days of the week on which it begins."] = DAYS
+    begin: Annotated[Clock, "Its first minute, local time."]
+    end: Annotated[Clock, "The minute at which it ends; before ``begin``: on the next day."]
+    price_per_kwh: Annotated[Price, "Price. [currency/kWh]"]
 
     def holds(self, local: datetime) -> bool:
         """Return whether the period holds at a local time."""
@@ -65,23 +58,27 @@ class PricePeriod(ModelEntry):
 
 
 class Prices(ModelEntry):
-    """What energy costs and emits.
+    """What energy costs and emits."""
 
-    Attributes:
-        currency: Shown behind costs.
-        price_per_kwh: Price outside all periods; None shows no cost. [currency/kWh]
-        time_of_use: Periods with prices of their own; the first that holds applies.
-        timezone: Time zone of the periods, such as ``Europe/Berlin``.
-        co2_kg_per_kwh: Emission factor of the supply; None shows no emission. [kg/kWh]
-        co2_source: Where the factor comes from, shown with it.
-    """
-
-    currency: Short = "EUR"
-    price_per_kwh: Price | None = None
-    time_of_use: Annotated[tuple[PricePeriod, ...], Field(max_length=MAX_PERIODS)] = ()
-    timezone: Annotated[str, Field(max_length=64)] = "UTC"
-    co2_kg_per_kwh: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] | None = None
-    co2_source: Annotated[str, Field(max_length=200)] = ""
+    currency: Annotated[Short, "Shown behind costs."] = "EUR"
+    price_per_kwh: Annotated[
+        Price | None, "Price outside all periods; None shows no cost. [currency/kWh]"
+    ] = None
+    time_of_use: Annotated[
+        tuple[PricePeriod, ...],
+        Field(max_length=MAX_PERIODS),
+        "Periods with prices of their own; the first that holds applies.",
+    ] = ()
+    timezone: Annotated[
+        str, Field(max_length=64), "Time zone of the periods, such as ``Europe/Berlin``."
+    ] = "UTC"
+    co2_kg_per_kwh: Annotated[
+        Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] | None,
+        "Emission factor of the supply; None shows no emission. [kg/kWh]",
+    ] = None
+    co2_source: Annotated[
+        str, Field(max_length=200), "Where the factor comes from, shown with it."
+    ] = ""
 
     @field_validator("timezone")
     @classmethod
@@ -96,11 +93,7 @@ class Prices(ModelEntry):
         return self
 
     def price_at(self, stamp_ns: int) -> float | None:
-        """Return the price at an instant; None without prices. [currency/kWh]
-
-        Args:
-            stamp_ns: The instant. [ns]
-        """
+        """Return the price at an instant; None without prices. [currency/kWh]"""
         if self.price_per_kwh is None:
             return None
         return self.price_of(local_time(stamp_ns, ZoneInfo(self.timezone)))
@@ -112,10 +105,6 @@ class Prices(ModelEntry):
 
     def mean_price(self, start_ns: int, end_ns: int) -> float | None:
         """Return the mean over a time, each price by its share of it. [currency/kWh]
-
-        Args:
-            start_ns: Its begin. [ns]
-            end_ns: Its end. [ns]
 
         Returns:
             None without prices.
@@ -131,10 +120,6 @@ class Prices(ModelEntry):
     def edges(self, start_ns: int, end_ns: int) -> list[int]:
         """Return when prices may change: between two of these instants one price holds. [ns]
 
-        Args:
-            start_ns: The first of them. [ns]
-            end_ns: The last of them. [ns]
-
         Returns:
             In time order; the begins of local hours are among them.
         """
@@ -149,31 +134,26 @@ class Prices(ModelEntry):
 
 
 class Night(ModelEntry):
-    """The time that is night, on every day.
+    """The time that is night, on every day."""
 
-    Attributes:
-        begin: When it begins, local time.
-        end: When it ends; before ``begin``: on the next day.
-    """
-
-    begin: Clock = "22:00"
-    end: Clock = "06:00"
+    begin: Annotated[Clock, "When it begins, local time."] = "22:00"
+    end: Annotated[Clock, "When it ends; before ``begin``: on the next day."] = "06:00"
 
 
 class Tariff(Prices):
-    """Prices that hold from a day on, until the next tariff begins.
+    """Prices that hold from a day on, until the next tariff begins."""
 
-    Attributes:
-        begin: First day, in the time zone.
-        shifts: When shifts begin, local time.
-        night: The time that is night.
-        weekend: Days without work, from midnight to midnight.
-    """
-
-    begin: Annotated[date, Field(ge=date(1970, 1, 2), le=date(2200, 1, 1))]
-    shifts: Annotated[tuple[Clock, ...], Field(max_length=12)] = ()
-    night: Night = Night()
-    weekend: tuple[Day, ...] = ("sat", "sun")
+    begin: Annotated[
+        date, Field(ge=date(1970, 1, 2), le=date(2200, 1, 1)), "First day, in the time zone."
+    ]
+    shifts: Annotated[
+        tuple[Clock, ...], Field(max_length=12), "When shifts begin, local time."
+    ] = ()
+    night: Annotated[Night, "The time that is night."] = Night()
+    weekend: Annotated[tuple[Day, ...], "Days without work, from midnight to midnight."] = (
+        "sat",
+        "sun",
+    )
 
     @model_validator(mode="after")
     def _at_quarters(self) -> Self:
@@ -238,9 +218,6 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
     """Add tariffs to a history, also while a recorder writes it.
 
     One with the same begin holds from now on, and the earlier one is kept.
-
-    Args:
-        now_ns: Time of this computer. [ns]
     """
     path = folder / FILE
     lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()

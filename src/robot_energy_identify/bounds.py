@@ -30,7 +30,7 @@ def is_at_bound(figure: Figure) -> bool:
 
 
 def not_identified(figure: Figure) -> str:
-    """Return why a fitted figure is not identified, or nothing; argument as in `is_at_bound`."""
+    """Return why a fitted figure is not identified, or nothing."""
     if is_at_bound(figure):
         return "at its bound"
     return "no information" if figure.source.startswith(NO_INFORMATION) else ""

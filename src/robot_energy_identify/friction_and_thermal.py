@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy_identify.data.recordings import Recording
@@ -24,29 +26,20 @@ from robot_energy_identify.thermal.network import (
 from robot_energy_identify.thermal.windows import runs_of_recordings
 
 
-@dataclass(frozen=True)
-class FrictionFound:
-    """Friction over temperature.
+class FrictionFound(Described):
+    """Friction over temperature."""
 
-    Attributes:
-        fits: One per axis that could be identified.
-        refused: Why the others could not, one sentence each.
-        gears: Temperatures of gears, which the friction of their axes follows.
-        hold: What motors hold at rest; None where too few rests show it.
-    """
-
-    fits: tuple[FrictionFit, ...]
-    refused: tuple[str, ...]
-    gears: GearsFound = field(default_factory=GearsFound)
-    hold: HoldFit | None = None
+    fits: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
+    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    gears: Annotated[
+        GearsFound, "Temperatures of gears, which the friction of their axes follows."
+    ] = field(default_factory=GearsFound)
+    hold: Annotated[
+        HoldFit | None, "What motors hold at rest; None where too few rests show it."
+    ] = None
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
-        """Return a model with this friction, which follows gears where they were found.
-
-        Args:
-            model: Any model of the same robot.
-            source: Where the data come from.
-        """
+        """Return a model with this friction, which follows gears where they were found."""
         names = [fit.name for fit in self.fits]
         written = self.gears.write(with_friction(model, self.fits, source), names)
         return written if self.hold is None else self.hold.write(written, source)
@@ -58,13 +51,7 @@ def find_friction(
     """Return the friction of every axis, over the temperature of gears where they show.
 
     Args:
-        model: With which they were run.
-        source: Where the data come from.
         share: Whether axes of too small a range borrow the temperature shape of others.
-
-    Raises:
-        NotIdentifiableError: If no axis shows its friction.
-        ImplausibleIdentificationError: If it contradicts physics.
     """
     axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
     air = model.temperature.ambient_degc
@@ -77,28 +64,18 @@ def find_friction(
     return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold)
 
 
-@dataclass(frozen=True)
-class ThermalFound:
-    """Thermal networks of the motors.
+class ThermalFound(Described):
+    """Thermal networks of the motors."""
 
-    Attributes:
-        ambient_degc: Temperature of the air: the coldest first reading. [degC]
-        fits: One per motor that could be identified.
-        refused: Why the others could not, one sentence each.
-        gears: Temperatures of gears, found by the power meter.
-    """
-
-    ambient_degc: float
-    fits: tuple[ThermalFit, ...]
-    refused: tuple[str, ...]
-    gears: GearsFound = field(default_factory=GearsFound)
+    ambient_degc: Annotated[float, "Temperature of the air: the coldest first reading. [degC]"]
+    fits: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
+    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    gears: Annotated[GearsFound, "Temperatures of gears, found by the power meter."] = field(
+        default_factory=GearsFound
+    )
 
     def write(self, model: RobotModel) -> RobotModel:
-        """Return a model with these networks and gears.
-
-        Args:
-            model: Any model of the same robot.
-        """
+        """Return a model with these networks and gears."""
         written = with_networks(model, self.fits, self.ambient_degc)
         return self.gears.write(written, [fit.name for fit in self.gears.fits])
 
@@ -109,12 +86,7 @@ def find_thermal(
     """Return thermal networks of motors, and gears by the power meter where torque gave none.
 
     Args:
-        recordings: Run with the model without networks.
         ambient_degc: Of the air; None: the coldest first reading. [degC]
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If there is neither a network nor a gear.
     """
     runs = [runs_of_recordings(recordings, joint) for joint in range(len(model.joints))]
     fits, refused = list[ThermalFit](), list[str]()

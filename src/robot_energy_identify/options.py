@@ -1,6 +1,7 @@
 """Options of the verbs that identify: how recordings are read, and what is made of them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypedDict
 
@@ -9,13 +10,20 @@ from robot_energy.foundation.options import Option
 from robot_energy.foundation.units import DQ_FACTORS, DqScaling
 
 if TYPE_CHECKING:
-    from robot_energy.replay.inputs import Stages
     from robot_energy_identify.stats.systematic import SensorLimits
 
 EFFORTS = ("motor_torque", "joint_torque", "motor_current")
 SUBJECTS = ("dynamics", "friction", "cabinet", "drives", "capacitor", "thermal")
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"]
 OF_DRIVES = "power of the drives"
+Stages = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+
+
+@contextmanager
+def silent(label: str) -> Generator[Callable[[float], None]]:
+    """Yield what is called with the share done, 0 to 1, and shows nothing."""
+    del label
+    yield lambda share: None
 
 
 # fmt: off

@@ -295,11 +295,7 @@ def check_drives(data: DriveData, fit: DrivesFit) -> None:
 
 
 def check_total(data: Sums, scores: Mapping[str, EnergyScore]) -> None:
-    """Refuse losses from one meter that predict it no better than zero does.
-
-    Args:
-        scores: On held-out data, by way.
-    """
+    """Refuse losses from one meter that predict it no better than zero does."""
     score = scores.get("identified")
     size = rms_of(data.measured)
     if score is not None and not score.rms < MAX_HELD_OUT * size:

@@ -15,10 +15,11 @@ already has is not taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import Annotated
 
-from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import (
     ImplausibleIdentificationError,
     ModelFileError,
@@ -29,8 +30,10 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.timeline.blocks import EffortMeaning
-from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet
+from robot_energy_identify.blas_threads import one_thread
+from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_likely_fan
 from robot_energy_identify.cabinet.dc_link import Voltages
+from robot_energy_identify.cabinet.fan import FanFound
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy_identify.data.recordings import spread
 from robot_energy_identify.drives.all_drives import DrivesFound
@@ -58,24 +61,22 @@ MAX_TURNS = 4  # of cabinet and drives, each found with what the other found
 MAX_MOVE, MIN_MOVE = 0.2, 0.1  # of a deviation, W: a constant that moves by less has settled
 
 
-@dataclass(frozen=True)
-class FullIdentification:
-    """All that was identified.
+class FullIdentification(Described):
+    """All that was identified."""
 
-    Attributes:
-        given: The model that it began with.
-        steps: In the order in which they were done.
-        meter_delay: Of the power meter behind the joint states; undone where it is sure. None
-            where it cannot be determined.
-        meter_time_constant: Of a low pass in the power meter; likewise.
-        share_shape: Whether axes of too small a range borrowed the temperature shape of others.
-    """
-
-    given: RobotModel
-    steps: tuple[Step, ...]
-    meter_delay: Delay | None = None
-    share_shape: bool = False
-    meter_time_constant: Delay | None = None
+    given: Annotated[RobotModel, "The model that it began with."]
+    steps: Annotated[tuple[Step, ...], "In the order in which they were done."]
+    meter_delay: Annotated[
+        Delay | None,
+        "Of the power meter behind the joint states; undone where it is sure. None where it "
+        "cannot be determined.",
+    ] = None
+    share_shape: Annotated[
+        bool, "Whether axes of too small a range borrowed the temperature shape of others."
+    ] = False
+    meter_time_constant: Annotated[Delay | None, "Of a low pass in the power meter; likewise."] = (
+        None
+    )
 
     @property
     def model(self) -> RobotModel:
@@ -88,11 +89,7 @@ class FullIdentification:
         return tuple(step.subject for step in self.steps if step.taken)
 
     def step(self, subject: Subject) -> Step:
-        """Return the step about a subject.
-
-        Args:
-            subject: Which one.
-        """
+        """Return the step about a subject."""
         return next(step for step in self.steps if step.subject == subject)
 
 
@@ -116,9 +113,6 @@ def identify_everything(
         strict: Whether a step that comes out implausible ends it all; else it is left out, as in a
             fold, and no step has the rows of the dynamics.
         share_shape: Whether axes of too small a range borrow the temperature shape of others.
-
-    Raises:
-        RobotEnergyError: If bags or model cannot be used at all, or a step is implausible.
     """
     source = ", ".join(dict.fromkeys(bag.name for bag in bags))
     steps: list[Step] = []
@@ -166,8 +160,10 @@ def identify_everything(
         steps.append(step if strict else step.without_rows())
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
-            if cabinet.subject == "cabinet" and cabinet.taken:
+            if isinstance(cabinet.found, CabinetFit) and cabinet.taken:
                 steps[-2:] = in_turns(cabinet, step, bags, base, source)
+                likely = with_likely_fan(steps[-1].model, cabinet.found.fan_likely)
+                steps[-1] = replace(steps[-1], model=likely)
         now = steps[-1].model
         if subject == "friction":
             base = now
@@ -182,7 +178,7 @@ def _made(
     source: str,
     strict: bool,
 ) -> Step:
-    """A step, or one left out with its reason; arguments as in `identify_everything`."""
+    """A step, or one left out with its reason."""
     try:
         return make(bags, model, source)
     except (NotIdentifiableError, ImplausibleIdentificationError) as error:
@@ -209,12 +205,6 @@ def in_turns(
 
     What the drives take at rest and while braking decides which readings show the constants,
     and the constants which readings show the drives. In the end the model of the drives has both.
-
-    Args:
-        cabinet: Found with the drives of ``model``.
-        drives: Found with that cabinet.
-        model: As the steps before left it.
-        source: Where the data come from.
     """
     fan = drives.model.cabinet.fan
     if fan is not None:
@@ -227,7 +217,7 @@ def in_turns(
             fit = fit_cabinet(read_all(bags, drives.model))
             if isinstance(cabinet.found, CabinetFit):
                 known = cabinet.found
-                fit = replace(fit, fan=known.fan, fan_reason=known.fan_reason)
+                fit = fit.with_fan(FanFound(known.fan, known.fan_reason, known.fan_likely))
             again = cabinet_step(model, fit, source)
             new = drives_step(bags, again.model, source)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:

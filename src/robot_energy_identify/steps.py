@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
@@ -26,7 +27,7 @@ from robot_energy_identify.cabinet.cabinet import (
     with_cabinet,
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy_identify.cabinet.fan import with_fan
+from robot_energy_identify.cabinet.fan import FanFound, with_fan
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
 from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
@@ -61,19 +62,15 @@ SUBJECTS: tuple[Subject, ...] = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class DynamicsFound:
-    """Bodies, rotors and friction, and what the bodies are worth.
-
-    Attributes:
-        given: The same with the bodies as given; rotors and friction refitted.
-        seconds: Taken of each recording, in pieces of it; infinite for all. [s]
-    """
+class DynamicsFound(Described):
+    """Bodies, rotors and friction, and what the bodies are worth."""
 
     result: Dynamics
     consistent: TorqueError
-    given: TorqueError
-    seconds: float
+    given: Annotated[
+        TorqueError, "The same with the bodies as given; rotors and friction refitted."
+    ]
+    seconds: Annotated[float, "Taken of each recording, in pieces of it; infinite for all. [s]"]
 
     @cached_property
     def least_squares(self) -> TorqueError:
@@ -84,21 +81,16 @@ class DynamicsFound:
 Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit | ThermalFound
 
 
-@dataclass(frozen=True)
-class Step:
-    """One step of the whole.
-
-    Attributes:
-        found: What the recordings determine; None if the step was left out.
-        reason: Why it was left out, or why what was found was not taken; empty otherwise.
-        notes: What was decided without data, one sentence each.
-    """
+class Step(Described):
+    """One step of the whole."""
 
     subject: Subject
-    found: Found | None
-    reason: str
+    found: Annotated[Found | None, "What the recordings determine; None if the step was left out."]
+    reason: Annotated[
+        str, "Why it was left out, or why what was found was not taken; empty otherwise."
+    ]
     model: RobotModel
-    notes: tuple[str, ...] = ()
+    notes: Annotated[tuple[str, ...], "What was decided without data, one sentence each."] = ()
 
     @property
     def taken(self) -> bool:
@@ -115,11 +107,7 @@ class Step:
 
 
 def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
-    """Recordings with measured torque.
-
-    Raises:
-        NotIdentifiableError: If no bag has any, saying what is missing.
-    """
+    """Recordings with measured torque."""
     stated = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
     if not stated:
         raise NotIdentifiableError(
@@ -230,13 +218,9 @@ def _over_temperature(axis: FrictionData) -> FrictionFit | None:
 
 
 def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bool = False) -> Step:
-    """Return the friction over temperature of every axis; arguments as in `drives_step`.
+    """Return the friction over temperature of every axis.
 
     With ``share`` axes of too small a range borrow the temperature shape of others.
-
-    Raises:
-        NotIdentifiableError: If no axis shows its friction, or the dynamics already gave it.
-        ImplausibleIdentificationError: If it contradicts physics.
     """
     recordings = _measured(bags, model)
     check_signs(recordings, bags[0].effort)
@@ -260,33 +244,23 @@ def friction_step(bags: Sequence[Bag], model: RobotModel, source: str, share: bo
 def constants_step(
     bags: Sequence[Bag], model: RobotModel, source: str, without_fan: str = ""
 ) -> Step:
-    """Return the constants of the cabinet and its fan; arguments as in `drives_step`.
+    """Return the constants of the cabinet and its fan.
 
     Args:
         without_fan: Why no fan is looked for; empty if one is.
     """
-    fan, reason = None, without_fan
+    fan = FanFound(None, without_fan)
     if not without_fan:
-        model, fan, reason = with_fan(model, read_all(bags, model), source)
+        model, fan = with_fan(model, read_all(bags, model), source)
     recordings, powers = powers_of(bags, model)
     rest = None
     if any(power is not None for power in powers):
         rest = rest_of_drives(drive_data(recordings, powers, measured_torque=False), model)
-    fit = replace(fit_cabinet(recordings, rest), fan=fan, fan_reason=reason)
-    return cabinet_step(model, fit, source)
+    return cabinet_step(model, fit_cabinet(recordings, rest).with_fan(fan), source)
 
 
 def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
-    """Return a model with the constants that a meter shows.
-
-    Args:
-        model: As the steps before left it.
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If the meter shows neither of them.
-        ImplausibleIdentificationError: If they contradict physics.
-    """
+    """Return a model with the constants that a meter shows."""
     check_cabinet(fit)
     if fit.loss_grid is None and fit.loss_dc is None:
         raise NotIdentifiableError(
@@ -301,14 +275,6 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     """Return the losses of the drives.
 
     Each drive by measured torque; one meter for all by that of the model, which is what runs.
-
-    Args:
-        model: As the steps before left it.
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If there is neither power of drives nor a meter.
-        ImplausibleIdentificationError: If what was found contradicts physics.
     """
     recordings, powers = powers_of(bags, model)
     measured = any(power is not None for power in powers) and all(
@@ -375,8 +341,6 @@ def capacitor_step(
     """Return what was found of the DC link's energy, after all that decides when it fills.
 
     Args:
-        model: As the steps before left it.
-        source: Where the data come from.
         voltages: Of the link, rectified and of the chopper; None if they are not known. [V]
         drives: Found in the same recordings; None if they are given.
     """

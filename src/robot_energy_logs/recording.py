@@ -43,30 +43,25 @@ REMEDIES = {"bad_time": time_remedy, "not_numeric": number_remedy}
 INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
 
 
-@dataclass(frozen=True)
 class LogBlock(Block):
-    """Rows of a log in SI units; NaN where the log says nothing.
+    """Rows of a log in SI units; NaN where the log says nothing."""
 
-    Attributes:
-        joint_position: Joint side, shape (N, n). [rad] or [m]
-        joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
-        effort: As the log has it: torque or motor current, shape (N, n). [N m] or [A]
-        motor_temperature_degc: Shape (N, n). [degC]
-        reading: Power or, of a counter, energy, shape (N,). [W] or [J]
-        drive_power: Electrical input of each drive, shape (N, n). [W]
-        payload: Mass, centre of mass (3) and inertia (6) of what the robot carries, shape
-            (N, 10); None where the log says nothing of it. [kg], [m], [kg m^2]
-        run: Number of the run that each row belongs to, shape (N,); None: of one run.
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    effort: Float
-    motor_temperature_degc: Float
-    reading: Float
-    drive_power: Float
-    payload: Float | None = None
-    run: Int | None = None
+    joint_position: Annotated[Float, "Joint side, shape (N, n). [rad] or [m]"]
+    joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s] or [m/s]"]
+    effort: Annotated[
+        Float, "As the log has it: torque or motor current, shape (N, n). [N m] or [A]"
+    ]
+    motor_temperature_degc: Annotated[Float, "Shape (N, n). [degC]"]
+    reading: Annotated[Float, "Power or, of a counter, energy, shape (N,). [W] or [J]"]
+    drive_power: Annotated[Float, "Electrical input of each drive, shape (N, n). [W]"]
+    payload: Annotated[
+        Float | None,
+        "Mass, centre of mass (3) and inertia (6) of what the robot carries, shape (N, 10); None "
+        "where the log says nothing of it. [kg], [m], [kg m^2]",
+    ] = None
+    run: Annotated[
+        Int | None, "Number of the run that each row belongs to, shape (N,); None: of one run."
+    ] = None
 
 
 class RecordingContents(Described):
@@ -101,17 +96,6 @@ class FileAccount(RejectionLog):
     path: Path = Path()
     first_line: dict[str, int] = field(default_factory=dict[str, int])
     first_cell: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
-
-    def reject_lines(self, reason: str, lines: Int, cell: tuple[str, str] = ("", "")) -> None:
-        """Count rejected rows and remember where the first one stands.
-
-        Args:
-            lines: Where they stand in the file, rising, shape (N,).
-            cell: Name and text of what offends in the first of them.
-        """
-        if len(lines) and reason not in self.first_line:
-            self.first_line[reason], self.first_cell[reason] = int(lines[0]), cell
-        self.reject(reason, len(lines))
 
     @property
     def reasons(self) -> str:
@@ -280,13 +264,10 @@ def write_bag(
     overwrite: bool = False,
     origin: str = "",
 ) -> ImportReport:
-    """Write blocks of a log into a new bag; nothing is left behind if that fails.
+    """Return what was written of a log into a new bag; nothing is left behind if that fails.
 
     Args:
         origin: Where the recording comes from, in words, noted with the bag.
-
-    Returns:
-        What was written.
     """
     report = ImportReport(Path(path), contents, files)
     streams = _streams(contents)
@@ -330,13 +311,10 @@ def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[
     parts: list[tuple[str, Int, NDArray[np.uint8]]] = []
     turns: list[Int] = []
     for stream in streams:
-        rows, messages = (
-            stream.given(block),
-            stream.encoder.encode(stream.fields(block), len(block)),
-        )
-        parts.append(
-            (stream.topic, block.stamp_ns[rows], messages if rows.all() else messages[rows])
-        )
+        rows = stream.given(block)
+        messages = stream.encoder.encode(stream.fields(block), len(block))
+        messages = messages if rows.all() else messages[rows]
+        parts.append((stream.topic, block.stamp_ns[rows], messages))
         turns.append(np.flatnonzero(rows) // INTERLEAVED_ROWS)
     bag.write_sorted(parts, turns)
     return {topic: len(stamps) for topic, stamps, _ in parts}

@@ -206,7 +206,6 @@ def usable_rows(
 
 
 def _reject(rows: TableRows, reason: str, bad: Mask, required: Mask, account: FileAccount) -> None:
-    cell = "", ""
     if bad.any() and reason not in account.first_line:
         row = int(np.argmax(bad))
         if reason in ("not_numeric", "not_finite"):
@@ -215,4 +214,5 @@ def _reject(rows: TableRows, reason: str, bad: Mask, required: Mask, account: Fi
             cell = "", f"{rows.width[row]} cells"
         else:
             cell = rows.text_cell(row)
-    account.reject_lines(reason, rows.line[bad], cell)
+        account.first_line[reason], account.first_cell[reason] = int(rows.line[row]), cell
+    account.reject(reason, int(bad.sum()))

@@ -76,9 +76,6 @@ class TextTable:
 
     Attributes:
         notes: What was found about the text, one sentence each.
-
-    Raises:
-        LogFormatError: If there is no line, or it cannot be read.
     """
 
     path: Path

@@ -15,9 +15,8 @@ from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import FIRST_SEED, SEED_STEP, allowed
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
-from robot_energy_rig.plant import PlantDrives
+from robot_energy_rig.plant import PlantDrives, Supply
 from robot_energy_rig.record import outputs
-from robot_energy_rig.supply import Supply
 
 POSES, POSE_SHARE = 300, 0.9  # of every joint range
 HOLDING_DEGC = 60.0

@@ -37,8 +37,7 @@ from robot_energy_papers.soaked_rigs import (
 )
 from robot_energy_report.friction_figure import friction_over_temperature
 from robot_energy_report.identification import friction_tables, losses_section
-from robot_energy_report.replay_figures import power_and_energy
-from robot_energy_report.series import Series, compared_series
+from robot_energy_report.replay_figures import Series, compared_series, power_and_energy
 
 PAPER = (
     "Modeling and Experimental Validation of the Influence of Robot Temperature on Its Energy "

@@ -19,11 +19,7 @@ FEED_FACTOR = 60.0 / MILLIMETRE  # m/s to mm/min
 
 
 class Wall(Described):
-    """A wall printed layer by layer; the tool begins each layer in the corner at the origin.
-
-    Raises:
-        MotionError: If a figure makes no sense.
-    """
+    """A wall printed layer by layer; the tool begins each layer in the corner at the origin."""
 
     length: Annotated[float, "Length of the plan along x. [m]"] = 1.2
     width: Annotated[float, "Width of the plan along y. [m]"] = 0.3

@@ -60,7 +60,6 @@ def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generato
     """Open a figure, and save it when all is drawn: whole, or not at all after an error.
 
     Args:
-        path: File to write: PNG, SVG or PDF by its suffix; or a buffer for SVG.
         size: Width and height. [inch]
 
     Yields:
@@ -98,10 +97,8 @@ def panels(
     """Yield a figure, saved as `canvas` does, and the axes of its panels, row by row.
 
     Args:
-        path: File to write: PNG, SVG or PDF by its suffix; or a buffer for SVG.
         panel: Width and height of each. [inch]
         edge: What the figure has beyond them, likewise. [inch]
-        labels: Of the x axes at the bottom and of the y axes at the left.
     """
     wide = min(len(names), columns)
     high = -(-len(names) // wide)

@@ -10,10 +10,12 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
+from pkgutil import resolve_name
 from typing import Annotated, Any, Literal
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError
+from robot_energy.results.base import Result
 from robot_energy_report.formats import NOTHING
 from robot_energy_report.page.energy_flow import FlowPicture
 
@@ -22,6 +24,27 @@ Kind = Literal["plain", "strong", "note", "problem", "command", "h2", "h3", "h4"
 HEADINGS: dict[int, Kind] = {2: "h2", 3: "h3", 4: "h4"}
 Draw = Callable[[BytesIO], object]
 Rows = Sequence[Sequence[str]]
+# What writes the document of a result, by the name of its JSON.
+DOCUMENTS = {
+    "replay": "robot_energy_report.replay:replay_document",
+    "prediction": "robot_energy_report.prediction:prediction_document",
+    "shared_bus": "robot_energy_report.optimization:shared_bus_document",
+    "optimization": "robot_energy_report.optimization:optimization_document",
+    "identification": "robot_energy_report.identify_all:identification_document",
+    "model": "robot_energy_report.model:model_document",
+    "friction": "robot_energy_report.identification:friction_document",
+    "friction_study": "robot_energy_report.identification:study_document",
+    "cabinet": "robot_energy_report.identification:cabinet_document",
+    "thermal": "robot_energy_report.identification:thermal_document",
+    "auxiliary": "robot_energy_report.identification:states_document",
+    "drives": "robot_energy_report.drives:drives_document",
+    "dynamics": "robot_energy_report.dynamics:dynamics_document",
+    "excitation": "robot_energy_report.dynamics:excitation_document",
+    "test": "robot_energy_report.evaluation:evaluation_document",
+    "advice": "robot_energy_fleet.documents.advice:advice_document",
+    "fleet_report": "robot_energy_fleet.documents.fleet:fleet_document",
+    "fleet_friction": "robot_energy_fleet.documents.fleet:fleet_friction_document",
+}
 
 
 class Column(Described):
@@ -46,11 +69,7 @@ class Column(Described):
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def cell(self, row: Any) -> str:
-        """Return what stands in a row.
-
-        Args:
-            row: Has the value as an attribute, or under a key or number; or the function takes it.
-        """
+        """Return what stands in a row, which has the value as attribute, key or number."""
         return self._text(self._of(row))
 
     def has_something(self, rows: Sequence[Any]) -> bool:
@@ -163,21 +182,13 @@ class Document:
         return [part for place, part in self.parts if place in ("both", where)]
 
     def heading(self, text: str, depth: int = 2) -> None:
-        """Begin a section; pages list those of depth 2 at the top.
-
-        Args:
-            depth: 2 for a section, 3 and 4 for those inside it.
-        """
+        """Begin a section, or one inside it; pages list those of depth 2 at the top."""
         if depth not in HEADINGS:
             raise ReportError(f"a heading of depth {depth}", f"2 to {max(HEADINGS)}")
         self.paragraph(text, HEADINGS[depth])
 
     def paragraph(self, text: str = "", kind: Kind = "plain") -> None:
-        """Add text; pages set what stands between backticks as code, and leave out no text.
-
-        Args:
-            kind: How it is set: plain, strong, as a heading, a note, a problem or a command.
-        """
+        """Add text; pages set what stands between backticks as code, and leave out no text."""
         self.add(Text(text, kind))
 
     def note(self, text: str) -> None:
@@ -194,29 +205,33 @@ class Document:
         self.add(Table("", (), rows))
 
     def figure(self, draw: Draw, caption: str) -> None:
-        """Add a figure.
-
-        Args:
-            caption: What is to be seen; also read out where the figure cannot be shown.
-        """
+        """Add a figure; its caption is also read out where it cannot be shown."""
         self.add(Illustration(draw, caption))
 
     def table(
         self, title: str, columns: Sequence[str], rows: Rows, total: Sequence[str] | None = None
     ) -> None:
-        """Add a table: first column and sentences left, numbers right."""
+        """Add a table, if it has rows: first column and sentences left, numbers right."""
         for row in (*rows, *([total] if total is not None else [])):
             if len(row) != len(columns):
                 raise ReportError(
                     f"a row of '{title}' has {len(row)} cells", f"{len(columns)}, one per column"
                 )
-        self.add(Table(title, columns, rows, total))
+        if rows:
+            self.add(Table(title, columns, rows, total))
 
     def rows(
         self, title: str, columns: Sequence[Column], rows: Sequence[Any], total: str = ""
     ) -> None:
         """Add a table of objects."""
         columns = [one for one in columns if not one.optional or one.has_something(rows)]
-        sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
+        sums = (total, *(column.sum(rows) for column in columns[1:])) if total and rows else None
         cells = [[column.cell(row) for column in columns] for row in rows]
         self.table(title, [column.heading for column in columns], cells, sums)
+
+
+def document_of(report: Result, title: str = "", lead: str = "", **words: Any) -> Document:
+    """Return all that a result says; further words are those of its document."""
+    page = Document(title, lead)
+    resolve_name(DOCUMENTS[report.NAME])(report, page, **words)
+    return page

@@ -28,7 +28,7 @@ from robot_energy_report.formats import (
     tags_text,
 )
 from robot_energy_report.headline import LOCATION_NAMES
-from robot_energy_report.series import Role
+from robot_energy_report.replay_figures import Role
 
 Bars = tuple[str, Role, Sequence[float]]  # label, role, and an error for each name [-]
 

@@ -22,11 +22,7 @@ TABLE_COLOUR = "#009e73"
 def friction_over_temperature(
     fits: Sequence[FrictionFit], path: Target, unit: str = "N m", title: str = ""
 ) -> None:
-    """Draw points and laws of every axis.
-
-    Args:
-        unit: Of the torque: ``N m``, or that of a relative measurement.
-    """
+    """Draw points and laws of every axis."""
     if not fits:
         raise ShapeError("no axis to draw", "at least one")
     names = [f"{fit.name}: Coulomb {fit.coulomb:.3g} {unit}" for fit in fits]

@@ -13,8 +13,7 @@ from robot_energy_report.canvas import COLOURS, LINES, Target, panels
 from robot_energy_report.document import Column, Document
 from robot_energy_report.evaluation import error_bars
 from robot_energy_report.formats import energy_text, fixed, percent, signed_percent, significant
-from robot_energy_report.replay_figures import power_and_energy
-from robot_energy_report.series import Role, Series, series_of
+from robot_energy_report.replay_figures import Role, Series, power_and_energy, series_of
 
 KINDS = {
     "test": "recordings named for the test, not used for the fit",
@@ -109,26 +108,25 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
     last = test.stages[-1]
     if test.metered:
         _energy_tables(test, stages, page)
-    if test.with_torque:
-        page.rows(
-            "Shaft energy of all axes, predicted over measured minus 1, held out",
-            [
-                Column("recording", "name"),
-                Column("measured", "shaft", energy_text),
-                Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
-                Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
-            ],
-            test.with_torque,
-        )
-        page.rows(
-            "Motor torque of all axes, norm of error over norm of torque, held out",
-            [
-                Column("recording", "name"),
-                Column("as given", lambda entry: entry.predictions[GIVEN].torque_error, percent),
-                Column("new model", lambda entry: entry.predictions[last].torque_error, percent),
-            ],
-            test.with_torque,
-        )
+    page.rows(
+        "Shaft energy of all axes, predicted over measured minus 1, held out",
+        [
+            Column("recording", "name"),
+            Column("measured", "shaft", energy_text),
+            Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
+            Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
+        ],
+        test.with_torque,
+    )
+    page.rows(
+        "Motor torque of all axes, norm of error over norm of torque, held out",
+        [
+            Column("recording", "name"),
+            Column("as given", lambda entry: entry.predictions[GIVEN].torque_error, percent),
+            Column("new model", lambda entry: entry.predictions[last].torque_error, percent),
+        ],
+        test.with_torque,
+    )
     _figures(test, names, page)
 
 

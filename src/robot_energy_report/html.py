@@ -30,8 +30,7 @@ from robot_energy_report.formats import PROSE, number, percent, typeset
 from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
-from robot_energy_report.page.saved_page import inline_parts
-from robot_energy_report.page.terms import TERMS, with_hints
+from robot_energy_report.page.saved_page import TERMS, inline_parts, with_hints
 
 NUMBER = ' class="n"'
 MARK = (
@@ -42,11 +41,7 @@ THEME = '<button id="theme" type="button" aria-label="Colours: as the system">Au
 
 
 def write_page(document: Document, path: str | Path) -> None:
-    """Write a page whole or not at all.
-
-    Args:
-        path: File to write; a name that ends in .pdf makes a PDF.
-    """
+    """Write a page whole or not at all; a name that ends in .pdf makes a PDF."""
     html = page_html(document).encode("utf-8", "backslashreplace")
     if Path(path).suffix.lower() == ".pdf":
         write_file(path, printed(html), PDF, "the report")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pkgutil import resolve_name
 from typing import Any
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.extras import require
@@ -17,36 +16,22 @@ from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import Result
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy
-from robot_energy.results.model import model_report
 from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
 from robot_energy_report.canvas import COLOURS, PART_COLOURS, SERIES, Axes
-from robot_energy_report.document import Document, FlowDiagram, Tiles
+from robot_energy_report.document import (
+    DOCUMENTS,
+    Document,
+    FlowDiagram,
+    Tiles,
+    document_of,
+)
 from robot_energy_report.energy import FIELDS, scale_of
 from robot_energy_report.formats import number, typeset
 from robot_energy_report.html import parts_html
+from robot_energy_report.model import model_report
 
-# What writes the document of a result, by the name of its JSON.
-DOCUMENTS = {
-    "replay": "robot_energy_report.replay:replay_document",
-    "prediction": "robot_energy_report.prediction:prediction_document",
-    "shared_bus": "robot_energy_report.shared_bus:shared_bus_document",
-    "optimization": "robot_energy_report.optimization:optimization_document",
-    "identification": "robot_energy_report.identify_all:identification_document",
-    "model": "robot_energy_report.model:model_document",
-    "friction": "robot_energy_report.identification:friction_document",
-    "friction_study": "robot_energy_report.identification:study_document",
-    "cabinet": "robot_energy_report.identification:cabinet_document",
-    "thermal": "robot_energy_report.identification:thermal_document",
-    "auxiliary": "robot_energy_report.identification:states_document",
-    "drives": "robot_energy_report.drives:drives_document",
-    "dynamics": "robot_energy_report.dynamics:dynamics_document",
-    "test": "robot_energy_report.evaluation:evaluation_document",
-    "advice": "robot_energy_fleet.documents.advice:advice_document",
-    "fleet_report": "robot_energy_fleet.documents.fleet:fleet_document",
-    "fleet_friction": "robot_energy_fleet.documents.fleet:fleet_friction_document",
-}
 ENDS = 3  # rows of a table that are shown at either end
 MARGIN = 5.0  # drawn beyond the fitted temperatures of a friction law [K]
 
@@ -57,9 +42,9 @@ def html(shown: Any) -> str:
     Args:
         shown: A result of a verb or its report; a model; a table over time.
     """
-    page = Document()
     match shown:
         case TimeSeries():
+            page = Document()
             _table(shown, page)
         case _:
             report = _report(shown)
@@ -67,7 +52,7 @@ def html(shown: Any) -> str:
                 report = PredictionsReport((report,))
             if not isinstance(report, Result) or report.NAME not in DOCUMENTS:
                 return f"<pre>{typeset(repr(shown))}</pre>"
-            resolve_name(DOCUMENTS[report.NAME])(report, page)
+            page = document_of(report)
     drawn_by_a_page = (Tiles, FlowDiagram)  # with its styles and its program
     parts = [part for part in page.shown("terminal") if not isinstance(part, drawn_by_a_page)]
     return parts_html(parts)

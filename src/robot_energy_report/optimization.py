@@ -1,4 +1,4 @@
-"""What a cheaper program says: the choice, each measure, each move."""
+"""What a cheaper program says: the choice, each measure, each move; robots on one DC bus."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from robot_energy_plan.results.common_supply import CommonSupply
 from robot_energy_plan.results.optimization import MeasureResult, OptimizationReport
+from robot_energy_plan.results.shared_bus import SharedBusReport
 from robot_energy_report.canvas import SERIES, Axes, Target, canvas, saving_bars
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
@@ -19,7 +20,73 @@ from robot_energy_report.formats import (
     tags_text,
     watt_hours,
 )
-from robot_energy_report.shared_bus import bus_verdict
+
+
+def bus_verdict(report: SharedBusReport) -> str:
+    """Return what the bus saves, in a sentence."""
+    saved, half = report.saved, report.half
+    what = f"{len(report.robots)} robots on one DC bus"
+    if report.saved_best is not None and report.half_best is not None:
+        saved, half = report.saved_best, report.half_best
+        what = f"with the best starts, {what}"
+    if not saved > half > 0:
+        return f"{what}: no saving is claimed; what was found is smaller than its uncertainty"
+    share = saved / report.energy_apart
+    return (
+        f"{what} need {percent(share)} less energy, {energy_text(saved)} +- {energy_text(half)} "
+        "(90 % band); predicted, not measured"
+    )
+
+
+def shared_bus_document(report: SharedBusReport, page: Document) -> None:
+    """Add all that was found."""
+    page.paragraph(bus_verdict(report), "strong")
+    for problem in report.problems:
+        page.paragraph(problem, "problem")
+    page.notes(report.notes)
+    page.paragraph()
+    scale = EnergyFormat(report.energy_apart)
+    what = "of recordings of all robots" if report.recorded else "of a common cycle"
+    facts = [
+        ("time", f"{report.duration:.2f} s {what}"),
+        (
+            "from the grid",
+            f"{energy_text(report.energy_apart)} apart, {energy_text(report.energy)} on one bus",
+        ),
+        (
+            "into brake resistors",
+            f"{energy_text(report.brake_energy_apart)} apart, {energy_text(report.brake_energy)} "
+            "on one bus",
+        ),
+        (
+            "peak of the supply",
+            f"{report.peak_power_apart:.0f} W apart, {report.peak_power:.0f} W on one bus",
+        ),
+        ("saved by the bus", f"{energy_text(report.saved)} +- {energy_text(report.half)}"),
+    ]
+    if report.capacitor_energy:
+        facts.append(("capacitors take", f"{energy_text(report.capacitor_energy)} at most"))
+    if report.saved_best is not None and report.saved_any_start is not None:
+        facts[1:] = [(f"{name}, all starts at once", text) for name, text in facts[1:]]
+        facts += [
+            ("saved, starts that fall anywhere", f"{energy_text(report.saved_any_start)}, mean"),
+            (
+                "saved, best starts",
+                f"{energy_text(report.saved_best)}; peak {report.peak_power_best:.0f} W",
+            ),
+        ]
+    page.pairs(facts)
+    columns = [
+        Column("robot", lambda one: Path(one.name).name),
+        Column("model", lambda one: f"{one.model.robot}, id {one.model.model_id}"),
+        Column("its figures", lambda one: tags_text(one.model.figures)),
+        Column("from the\ngrid", "energy", scale.joule, scale.unit),
+        Column("into its\nresistor", "brake_energy", scale.joule, scale.unit),
+        Column("peak", "peak_power", fixed(0), "W"),
+    ]
+    if not report.recorded:
+        columns.append(Column("best\nstart", "start", fixed(2), "s"))
+    page.rows("Each robot with a supply of its own", columns, report.robots)
 
 
 def optimization_document(report: OptimizationReport, page: Document) -> None:
@@ -54,30 +121,28 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
         ],
         report.moves,
     )
-    if report.rests:
-        page.rows(
-            "Rests as chosen",
-            [
-                Column("before the move", "before"),
-                Column("time", "duration", fixed(2), "s"),
-                Column("state", "state"),
-                Column("power, drives hold", "power", fixed(0), "W"),
-            ],
-            report.rests,
-        )
+    page.rows(
+        "Rests as chosen",
+        [
+            Column("before the move", "before"),
+            Column("time", "duration", fixed(2), "s"),
+            Column("state", "state"),
+            Column("power, drives hold", "power", fixed(0), "W"),
+        ],
+        report.rests,
+    )
     if len(report.temperatures) > 1:
         _temperatures(page, report, scale)
-    if report.break_even:
-        page.rows(
-            "From which rest on a state pays",
-            [
-                Column("state", "state"),
-                Column("shortest rest", "shortest_rest", fixed(1), "s"),
-                Column("time to wake up", "wake_time", fixed(1), "s"),
-                Column("source", "source"),
-            ],
-            report.break_even,
-        )
+    page.rows(
+        "From which rest on a state pays",
+        [
+            Column("state", "state"),
+            Column("shortest rest", "shortest_rest", fixed(1), "s"),
+            Column("time to wake up", "wake_time", fixed(1), "s"),
+            Column("source", "source"),
+        ],
+        report.break_even,
+    )
     if report.supply is not None:
         _supply(page, report, report.supply)
     _front(page, report, scale)
@@ -199,11 +264,7 @@ BAR = 0.36  # inch per measure
 
 
 def measures_and_front(report: OptimizationReport, path: Target) -> None:
-    """Draw savings with their bands above energy over time.
-
-    Args:
-        path: File to write: PNG, SVG or PDF by its suffix; or a buffer.
-    """
+    """Draw savings with their bands above energy over time."""
     bars = 0.9 + BAR * (1 + len(report.measures))
     with canvas(path, (8.0, bars + 3.2), "saving per cycle, and trade-offs") as figure:
         axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from robot_energy.foundation.shown_text import shown
-from robot_energy.results.model import ModelUsed
+from robot_energy.results.base import ModelUsed
 from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
@@ -28,7 +28,7 @@ from robot_energy_report.formats import (
 from robot_energy_report.headline import error_of, headline, observed_time, tiles
 from robot_energy_report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy_report.page.settings import PageSettings
-from robot_energy_report.prediction_figure import energy_bars
+from robot_energy_report.prediction import energy_bars
 from robot_energy_report.repeats import given_once, overlaps
 from robot_energy_report.replay import FIRST, ReplayCurves, replay_document
 
@@ -42,9 +42,6 @@ def recordings_document(
 
     A recording that was given twice counts once, and a note says so; so it does where recordings
     of one robot overlap in time.
-
-    Args:
-        recordings: Reports, with the curves for their figures over time or None.
     """
     recordings, notes = _once(recordings)
     if len(recordings) == 1:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, replace
 from math import isfinite
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import MeterMeaning
 
@@ -16,51 +18,41 @@ HARD = (
 POSITIVE = ("encoder_counts", "temperature_rate", "temperature_resolution", "meter_rate")
 
 
-@dataclass(frozen=True)
-class Sensors:
-    """Figures of the sensors.
+class Sensors(Described):
+    """Figures of the sensors."""
 
-    Attributes:
-        encoder_counts: Per motor turn. [1]
-        velocity_noise: Standard deviation, motor side. [rad/s]
-        torque_noise: Standard deviation of the reported motor torque. [N m]
-        torque_constant_error: Standard deviation of the torque constants on the name plates,
-            share of them; drawn once. [-]
-        stamp_jitter: Standard deviation of the stamps, cut at 3 of them. [s]
-        temperature_rate: Readings of the motor temperatures. [Hz]
-        temperature_resolution: Step of the readings. [K]
-        temperature_noise: Standard deviation before rounding. [K]
-        meter_rate: Readings of the grid meter. [Hz]
-        meter_meaning: MEAN_OVER_INTERVAL, INSTANTANEOUS or CUMULATIVE.
-        meter_class: Gain error is drawn once within +- this share (class 0.5: 0.005). [-]
-        meter_noise: Standard deviation of one reading, share of it. [-]
-        drive_power_class: Gain error of each drive's own power, drawn once within +- this
-            share. [-]
-        drive_power_noise: Standard deviation of one reading. [W]
-        velocity_filter: Time constant of the low pass behind the velocities. [s]
-        meter_filter: Time constant of the low pass in the power meter. [s]
-        temperature_lag: Time constant of the motor temperature sensors. [s]
-        temperature_offset: Standard deviation of their constant errors. [K]
-    """
-
-    encoder_counts: int = 16384
-    velocity_noise: float = 0.05
-    torque_noise: float = 0.02
-    torque_constant_error: float = 0.0
-    stamp_jitter: float = 50e-6
-    temperature_rate: float = 1.0
-    temperature_resolution: float = 1.0
-    temperature_noise: float = 0.2
-    meter_rate: float = 10.0
-    meter_meaning: MeterMeaning = MeterMeaning.MEAN_OVER_INTERVAL
-    meter_class: float = 0.005
-    meter_noise: float = 0.002
-    drive_power_class: float = 0.01
-    drive_power_noise: float = 0.5
-    velocity_filter: float = 0.01
-    meter_filter: float = 0.3
-    temperature_lag: float = 60.0
-    temperature_offset: float = 2.0
+    encoder_counts: Annotated[int, "Per motor turn. [1]"] = 16384
+    velocity_noise: Annotated[float, "Standard deviation, motor side. [rad/s]"] = 0.05
+    torque_noise: Annotated[float, "Standard deviation of the reported motor torque. [N m]"] = 0.02
+    torque_constant_error: Annotated[
+        float,
+        "Standard deviation of the torque constants on the name plates, share of them; drawn once. "
+        "[-]",
+    ] = 0.0
+    stamp_jitter: Annotated[float, "Standard deviation of the stamps, cut at 3 of them. [s]"] = (
+        50e-6
+    )
+    temperature_rate: Annotated[float, "Readings of the motor temperatures. [Hz]"] = 1.0
+    temperature_resolution: Annotated[float, "Step of the readings. [K]"] = 1.0
+    temperature_noise: Annotated[float, "Standard deviation before rounding. [K]"] = 0.2
+    meter_rate: Annotated[float, "Readings of the grid meter. [Hz]"] = 10.0
+    meter_meaning: Annotated[MeterMeaning, "MEAN_OVER_INTERVAL, INSTANTANEOUS or CUMULATIVE."] = (
+        MeterMeaning.MEAN_OVER_INTERVAL
+    )
+    meter_class: Annotated[
+        float, "Gain error is drawn once within +- this share (class 0.5: 0.005). [-]"
+    ] = 0.005
+    meter_noise: Annotated[float, "Standard deviation of one reading, share of it. [-]"] = 0.002
+    drive_power_class: Annotated[
+        float, "Gain error of each drive's own power, drawn once within +- this share. [-]"
+    ] = 0.01
+    drive_power_noise: Annotated[float, "Standard deviation of one reading. [W]"] = 0.5
+    velocity_filter: Annotated[
+        float, "Time constant of the low pass behind the velocities. [s]"
+    ] = 0.01
+    meter_filter: Annotated[float, "Time constant of the low pass in the power meter. [s]"] = 0.3
+    temperature_lag: Annotated[float, "Time constant of the motor temperature sensors. [s]"] = 60.0
+    temperature_offset: Annotated[float, "Standard deviation of their constant errors. [K]"] = 2.0
 
     def __post_init__(self) -> None:
         for name, value in self.__dict__.items():
@@ -71,77 +63,73 @@ class Sensors:
             raise RigError("the meter's meaning is UNKNOWN", "a known meaning")
 
 
-@dataclass(frozen=True)
-class RigConfig:
+class RigConfig(Described):
     """Every effect beyond rigid bodies, Coulomb and viscous friction, on or off.
 
     The effects of `HARD` are off by default. No model file has a term for them.
 
-    Attributes:
-        stribeck: Friction rises towards standstill.
-        load_friction: Coulomb friction grows with the load.
-        lubricant_temperature: Viscous friction follows the oil; off: oil at 60 degC.
-        copper: Copper loss, holding against gravity included.
-        copper_temperature: Winding resistance rises with temperature.
-        iron: Iron loss, a drag on the motor.
-        inverter: Inverter loss.
-        demagnetisation: Warm magnets are weaker: more current for the same torque, and
-            the reported torque reads too high.
-        capacitor: DC link stores energy, the chopper has hysteresis; off: excess is
-            braked at once.
-        rectifier: Rectifier loss.
-        warming: Losses and ambient change the temperatures; off: they stay as started.
-        encoder: Positions are quantised.
-        velocity_noise: On or off.
-        torque_noise: On or off.
-        stamp_jitter: On or off.
-        temperature_sensor: Temperature readings are noisy and rounded.
-        meter_error: Meter has gain error and noise.
-        drive_power_error: So have the power readings of the drives.
-        elastic_joints: Gears are springs; encoders and drives see the motors.
-        presliding: Coulomb friction reverses over a distance, as a spring that slides
-            (Dahl); at rest it holds.
-        creep: With presliding: at rest friction takes over of the load what it can carry, slowly.
-        coulomb_temperature: Coulomb friction falls with the temperature of the gear.
-        viscous_exponent: Viscous friction grows with less than the first power of speed.
-        fan: A fan of the cabinet switches with the warmest motor.
-        velocity_filter: The reported velocities are low-passed.
-        meter_filter: So is the power that the meter shows; its energy counter is not.
-        temperature_error: Motor temperature sensors lag and have constant errors.
-        thermal_speedup: Factor on the speed of the temperatures, and of the lag of their
-            sensors; motion stays in real time. For warming up fast. [-]
-        sensors: Figures of the sensors.
+
     """
 
-    stribeck: bool = True
-    load_friction: bool = True
-    lubricant_temperature: bool = True
-    copper: bool = True
-    copper_temperature: bool = True
-    iron: bool = True
-    inverter: bool = True
-    demagnetisation: bool = True
-    capacitor: bool = True
-    rectifier: bool = True
-    warming: bool = True
-    encoder: bool = True
-    velocity_noise: bool = True
-    torque_noise: bool = True
-    stamp_jitter: bool = True
-    temperature_sensor: bool = True
-    meter_error: bool = True
-    drive_power_error: bool = True
-    elastic_joints: bool = False
-    presliding: bool = False
-    creep: bool = False
-    coulomb_temperature: bool = False
-    viscous_exponent: bool = False
-    fan: bool = False
-    velocity_filter: bool = False
-    meter_filter: bool = False
-    temperature_error: bool = False
-    thermal_speedup: float = 1.0
-    sensors: Sensors = field(default_factory=Sensors)
+    stribeck: Annotated[bool, "Friction rises towards standstill."] = True
+    load_friction: Annotated[bool, "Coulomb friction grows with the load."] = True
+    lubricant_temperature: Annotated[
+        bool, "Viscous friction follows the oil; off: oil at 60 degC."
+    ] = True
+    copper: Annotated[bool, "Copper loss, holding against gravity included."] = True
+    copper_temperature: Annotated[bool, "Winding resistance rises with temperature."] = True
+    iron: Annotated[bool, "Iron loss, a drag on the motor."] = True
+    inverter: Annotated[bool, "Inverter loss."] = True
+    demagnetisation: Annotated[
+        bool,
+        "Warm magnets are weaker: more current for the same torque, and the reported torque reads "
+        "too high.",
+    ] = True
+    capacitor: Annotated[
+        bool, "DC link stores energy, the chopper has hysteresis; off: excess is braked at once."
+    ] = True
+    rectifier: Annotated[bool, "Rectifier loss."] = True
+    warming: Annotated[
+        bool, "Losses and ambient change the temperatures; off: they stay as started."
+    ] = True
+    encoder: Annotated[bool, "Positions are quantised."] = True
+    velocity_noise: Annotated[bool, "On or off."] = True
+    torque_noise: Annotated[bool, "On or off."] = True
+    stamp_jitter: Annotated[bool, "On or off."] = True
+    temperature_sensor: Annotated[bool, "Temperature readings are noisy and rounded."] = True
+    meter_error: Annotated[bool, "Meter has gain error and noise."] = True
+    drive_power_error: Annotated[bool, "So have the power readings of the drives."] = True
+    elastic_joints: Annotated[bool, "Gears are springs; encoders and drives see the motors."] = (
+        False
+    )
+    presliding: Annotated[
+        bool,
+        "Coulomb friction reverses over a distance, as a spring that slides (Dahl); at rest it "
+        "holds.",
+    ] = False
+    creep: Annotated[
+        bool, "With presliding: at rest friction takes over of the load what it can carry, slowly."
+    ] = False
+    coulomb_temperature: Annotated[
+        bool, "Coulomb friction falls with the temperature of the gear."
+    ] = False
+    viscous_exponent: Annotated[
+        bool, "Viscous friction grows with less than the first power of speed."
+    ] = False
+    fan: Annotated[bool, "A fan of the cabinet switches with the warmest motor."] = False
+    velocity_filter: Annotated[bool, "The reported velocities are low-passed."] = False
+    meter_filter: Annotated[
+        bool, "So is the power that the meter shows; its energy counter is not."
+    ] = False
+    temperature_error: Annotated[
+        bool, "Motor temperature sensors lag and have constant errors."
+    ] = False
+    thermal_speedup: Annotated[
+        float,
+        "Factor on the speed of the temperatures, and of the lag of their sensors; motion stays in "
+        "real time. For warming up fast. [-]",
+    ] = 1.0
+    sensors: Annotated[Sensors, "Figures of the sensors."] = field(default_factory=Sensors)
 
     def __post_init__(self) -> None:
         if not (self.thermal_speedup > 0 and isfinite(self.thermal_speedup)):
@@ -155,7 +143,11 @@ class RigConfig:
     @classmethod
     def plain(cls) -> RigConfig:
         """Everything off: rigid bodies, Coulomb and constant viscous friction, true sensors."""
-        return cls().without(*(f.name for f in fields(cls) if f.type == "bool"))
+        return cls().without(*cls()._switches)
+
+    @property
+    def _switches(self) -> list[str]:
+        return [name for name, value in self.__dict__.items() if isinstance(value, bool)]
 
     def without(self, *effects: str) -> RigConfig:
         """Return a copy with the named effects off.
@@ -170,8 +162,7 @@ class RigConfig:
         return self._switched(effects, on=True)
 
     def _switched(self, effects: tuple[str, ...], *, on: bool) -> RigConfig:
-        switches = [f.name for f in fields(self) if f.type == "bool"]
         for effect in effects:
-            if effect not in switches:
-                raise RigError(f"the rig has no effect '{effect}'", ", ".join(switches))
+            if effect not in self._switches:
+                raise RigError(f"the rig has no effect '{effect}'", ", ".join(self._switches))
         return replace(self, **dict.fromkeys(effects, on))

@@ -14,14 +14,15 @@ model file or of the shipped plants. They are wide: the middle 90 % of a log-nor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from importlib import resources
 from math import log10
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import yaml
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
 from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
@@ -34,25 +35,23 @@ SHIFT = 0.7  # mm^2/s
 MIN_DEGC, MAX_DEGC = -40.0, 200.0
 
 
-@dataclass(frozen=True)
-class Lubricant:
+class Lubricant(Described):
     """One oil: its viscosity over temperature.
 
     Walther's law in the form of ASTM D341, ``log10 log10(nu + 0.7) = A - B log10(T)`` with
     the kinematic viscosity nu in mm^2/s and T in kelvin, fixed by the two figures of an
     oil's data sheet, nu at 40 and at 100 degC.
 
-    Attributes:
-        viscosity_40: Kinematic viscosity at 40 degC; an ISO VG grade is this figure
-            within 10 %. [mm^2/s]
-        viscosity_100: At 100 degC. [mm^2/s]
-
     Raises:
         RigError: If the oil does not thin with temperature.
+
     """
 
-    viscosity_40: float
-    viscosity_100: float
+    viscosity_40: Annotated[
+        float,
+        "Kinematic viscosity at 40 degC; an ISO VG grade is this figure within 10 %. [mm^2/s]",
+    ]
+    viscosity_100: Annotated[float, "At 100 degC. [mm^2/s]"]
 
     def __post_init__(self) -> None:
         if not 2.0 <= self.viscosity_100 < self.viscosity_40:
@@ -102,29 +101,17 @@ harmonic gear's grease."""
 JERK_TIME = 0.05  # s over which acceleration builds up
 
 
-@dataclass(frozen=True)
-class SupplyProfile:
-    """The cabinet.
+class SupplyProfile(Described):
+    """The cabinet."""
 
-    Attributes:
-        loss_dc: Constant on the DC bus, without the drives' own losses. [W]
-        loss_grid: Constant on the grid side. [W]
-        rectifier_efficiency: In (0, 1]. [-]
-        capacitance: Capacitance of the DC link. [F]
-        rectified_voltage: Voltage of the DC link while the grid feeds it. [V]
-        chopper_on_voltage: The brake chopper switches on here. [V]
-        chopper_off_voltage: And off here. [V]
-        brake_resistance: [ohm]
-    """
-
-    loss_dc: float
-    loss_grid: float
-    rectifier_efficiency: float
-    capacitance: float
-    rectified_voltage: float
-    chopper_on_voltage: float
-    chopper_off_voltage: float
-    brake_resistance: float
+    loss_dc: Annotated[float, "Constant on the DC bus, without the drives' own losses. [W]"]
+    loss_grid: Annotated[float, "Constant on the grid side. [W]"]
+    rectifier_efficiency: Annotated[float, "In (0, 1]. [-]"]
+    capacitance: Annotated[float, "Capacitance of the DC link. [F]"]
+    rectified_voltage: Annotated[float, "Voltage of the DC link while the grid feeds it. [V]"]
+    chopper_on_voltage: Annotated[float, "The brake chopper switches on here. [V]"]
+    chopper_off_voltage: Annotated[float, "And off here. [V]"]
+    brake_resistance: Annotated[float, "[ohm]"]
 
     def __post_init__(self) -> None:
         for name in ("capacitance", "brake_resistance", "rectified_voltage"):
@@ -142,30 +129,27 @@ class SupplyProfile:
             )
 
 
-@dataclass(frozen=True)
-class HardEffects:
-    """Figures of the effects that `RigConfig.hard` adds; the same for every axis.
+class HardEffects(Described):
+    """Figures of the effects that `RigConfig.hard` adds; the same for every axis."""
 
-    Attributes:
-        elastic_deflection: Of a joint at the effort limit of the URDF. [rad] or [m]
-        presliding_angle: Motor angle over which Coulomb friction reverses to 63 %. [rad]
-        coulomb_fall: Share of Coulomb friction lost per kelvin above 40 degC of the gear; it
-            never falls below `MIN_COULOMB_SHARE`. [1/K]
-        viscous_exponent: Of speed, in (0, 1]. [-]
-        viscous_speed: Motor speed at which the exponent changes nothing. [rad/s]
-        fan_power: Of the fan, on the grid side. [W]
-        fan_on_degc: It starts when the warmest motor is above. [degC]
-        fan_off_degc: It stops below. [degC]
-    """
-
-    elastic_deflection: float = 1.5e-3
-    presliding_angle: float = 0.3
-    coulomb_fall: float = 0.003
-    viscous_exponent: float = 0.8
-    viscous_speed: float = 150.0
-    fan_power: float = 25.0
-    fan_on_degc: float = 45.0
-    fan_off_degc: float = 40.0
+    elastic_deflection: Annotated[
+        float, "Of a joint at the effort limit of the URDF. [rad] or [m]"
+    ] = 1.5e-3
+    presliding_angle: Annotated[
+        float, "Motor angle over which Coulomb friction reverses to 63 %. [rad]"
+    ] = 0.3
+    coulomb_fall: Annotated[
+        float,
+        "Share of Coulomb friction lost per kelvin above 40 degC of the gear; it never falls below "
+        "`MIN_COULOMB_SHARE`. [1/K]",
+    ] = 0.003
+    viscous_exponent: Annotated[float, "Of speed, in (0, 1]. [-]"] = 0.8
+    viscous_speed: Annotated[
+        float, "Motor speed at which the exponent changes nothing. [rad/s]"
+    ] = 150.0
+    fan_power: Annotated[float, "Of the fan, on the grid side. [W]"] = 25.0
+    fan_on_degc: Annotated[float, "It starts when the warmest motor is above. [degC]"] = 45.0
+    fan_off_degc: Annotated[float, "It stops below. [degC]"] = 40.0
 
     def __post_init__(self) -> None:
         if not (self.elastic_deflection >= 0 and self.presliding_angle > 0):
@@ -188,63 +172,43 @@ class HardEffects:
             )
 
 
-@dataclass(frozen=True)
-class PlantProfile:
+class PlantProfile(Described):
     """One robot of the rig, motor side, shape (n,) each.
-
-    Attributes:
-        body: Name of the shipped model, or path of a model file, whose URDF, payload,
-            gear ratios and rotor inertias are used, and nothing else of it.
-        lubricant: One oil per axis.
-        coulomb: At no load. [N m]
-        load_coulomb: Per rigid-body motor torque. [-]
-        stribeck: Added at zero speed, falling with ``exp(-(w/stribeck_velocity)^2)``. [N m]
-        stribeck_velocity: [rad/s]
-        viscous_40: Viscous coefficient with the oil at 40 degC. [N m s/rad]
-        torque_constant: At 20 degC. [N m/A rms]
-        torque_constant_fall: Relative, per kelvin of magnet temperature. [1/K]
-        resistance: Resistance of a phase at 20 degC; copper loss is 3 R I^2. [ohm]
-        resistance_rise: Relative, per kelvin. [1/K]
-        hysteresis_torque: Iron loss that grows with speed. [N m]
-        eddy_viscous: Iron loss that grows with its square. [N m s/rad]
-        inverter_linear: Inverter loss per phase current. [W/A]
-        inverter_square: Per its square. [W/A^2]
-        motor_capacity: Heat capacity of the motor node. [J/K]
-        gear_capacity: Heat capacity of the gear and structure node. [J/K]
-        motor_conductance: Heat conductance from motor to gear. [W/K]
-        gear_conductance: Heat conductance from gear to ambient. [W/K]
-        friction_to_motor: Share of friction that heats the motor node. [-]
-        acceleration: For motion generation, joint side. [rad/s^2]
-        supply: The cabinet.
-        hard: Figures of effects that are off by default.
 
     Raises:
         RigError: If shapes differ or a figure is negative.
+
     """
 
-    body: str
-    lubricant: tuple[Lubricant, ...]
-    coulomb: Float
-    load_coulomb: Float
-    stribeck: Float
-    stribeck_velocity: Float
-    viscous_40: Float
-    torque_constant: Float
-    torque_constant_fall: Float
-    resistance: Float
-    resistance_rise: Float
-    hysteresis_torque: Float
-    eddy_viscous: Float
-    inverter_linear: Float
-    inverter_square: Float
-    motor_capacity: Float
-    gear_capacity: Float
-    motor_conductance: Float
-    gear_conductance: Float
-    friction_to_motor: Float
-    acceleration: Float
-    supply: SupplyProfile
-    hard: HardEffects = HardEffects()
+    body: Annotated[
+        str,
+        "Name of the shipped model, or path of a model file, whose URDF, payload, gear ratios and "
+        "rotor inertias are used, and nothing else of it.",
+    ]
+    lubricant: Annotated[tuple[Lubricant, ...], "One oil per axis."]
+    coulomb: Annotated[Float, "At no load. [N m]"]
+    load_coulomb: Annotated[Float, "Per rigid-body motor torque. [-]"]
+    stribeck: Annotated[
+        Float, "Added at zero speed, falling with ``exp(-(w/stribeck_velocity)^2)``. [N m]"
+    ]
+    stribeck_velocity: Annotated[Float, "[rad/s]"]
+    viscous_40: Annotated[Float, "Viscous coefficient with the oil at 40 degC. [N m s/rad]"]
+    torque_constant: Annotated[Float, "At 20 degC. [N m/A rms]"]
+    torque_constant_fall: Annotated[Float, "Relative, per kelvin of magnet temperature. [1/K]"]
+    resistance: Annotated[Float, "Resistance of a phase at 20 degC; copper loss is 3 R I^2. [ohm]"]
+    resistance_rise: Annotated[Float, "Relative, per kelvin. [1/K]"]
+    hysteresis_torque: Annotated[Float, "Iron loss that grows with speed. [N m]"]
+    eddy_viscous: Annotated[Float, "Iron loss that grows with its square. [N m s/rad]"]
+    inverter_linear: Annotated[Float, "Inverter loss per phase current. [W/A]"]
+    inverter_square: Annotated[Float, "Per its square. [W/A^2]"]
+    motor_capacity: Annotated[Float, "Heat capacity of the motor node. [J/K]"]
+    gear_capacity: Annotated[Float, "Heat capacity of the gear and structure node. [J/K]"]
+    motor_conductance: Annotated[Float, "Heat conductance from motor to gear. [W/K]"]
+    gear_conductance: Annotated[Float, "Heat conductance from gear to ambient. [W/K]"]
+    friction_to_motor: Annotated[Float, "Share of friction that heats the motor node. [-]"]
+    acceleration: Annotated[Float, "For motion generation, joint side. [rad/s^2]"]
+    supply: Annotated[SupplyProfile, "The cabinet."]
+    hard: Annotated[HardEffects, "Figures of effects that are off by default."] = HardEffects()
 
     def __post_init__(self) -> None:
         n_joints = len(self.lubricant)
@@ -257,20 +221,19 @@ class PlantProfile:
             "gear_conductance",
             "acceleration",
         }
-        for entry in fields(self):
-            if entry.type != "Float":
+        for name, values in self.__dict__.items():
+            if not isinstance(values, np.ndarray):
                 continue
-            values: Float = getattr(self, entry.name)
             if values.shape != (n_joints,):
                 raise RigError(
-                    f"the profile's {entry.name} has shape {values.shape}",
+                    f"the profile's {name} has shape {values.shape}",
                     f"one figure for each of {n_joints} axes",
                 )
-            floor_ok = values > 0 if entry.name in positive else values >= 0
+            floor_ok = values > 0 if name in positive else values >= 0
             if not (floor_ok & np.isfinite(values)).all():
                 raise RigError(
-                    f"the profile's {entry.name} is {values.tolist()}",
-                    "finite figures > 0" if entry.name in positive else "figures >= 0",
+                    f"the profile's {name} is {values.tolist()}",
+                    "finite figures > 0" if name in positive else "figures >= 0",
                 )
 
     @property
@@ -289,11 +252,7 @@ class PlantProfile:
         return Robot.from_model(model), Drivetrain.from_model(model)
 
     def motion_limits(self, robot: Robot) -> MotionLimits:
-        """Return limits for programs of this robot; joints without end stay within +-pi.
-
-        Args:
-            robot: Its rigid bodies, for positions and speeds.
-        """
+        """Return limits for programs of this robot; joints without end stay within +-pi."""
         limits = MotionLimits.of_robot(robot, self.acceleration, JERK_TIME)
         turn = np.where(robot.limits.wraps, np.pi, np.inf)
         return replace(

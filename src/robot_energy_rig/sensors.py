@@ -78,11 +78,7 @@ class LowPass:
 
 
 class JointSensors:
-    """What the controller reports of the joints.
-
-    Args:
-        period_ns: Between samples. [ns]
-    """
+    """What the controller reports of the joints."""
 
     def __init__(
         self, config: RigConfig, drivetrain: Drivetrain, seed: int, period_ns: int, device: int
@@ -150,11 +146,7 @@ class JointSensors:
 
 
 class TemperatureSensor:
-    """Motor thermometers with their own rate.
-
-    Args:
-        start_stamp_ns: Stamp of the first reading. [ns]
-    """
+    """Motor thermometers with their own rate."""
 
     def __init__(
         self, config: RigConfig, seed: int, start_stamp_ns: int, n_joints: int, device: int

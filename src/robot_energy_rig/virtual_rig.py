@@ -13,10 +13,11 @@ bit of the output. Temperatures are held over a block and then advanced by its m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import RigError
 from robot_energy.model.payload import Payload
 from robot_energy.physics.rigid_body import Robot
@@ -34,14 +35,15 @@ from robot_energy_rig.config import RigConfig
 from robot_energy_rig.output import RigJoints, RigOutput, Truth
 from robot_energy_rig.plant import (
     DriveFlows,
+    Fan,
     PlantDrives,
     PlantFriction,
+    Supply,
     ThermalNetwork,
     longest_step,
 )
 from robot_energy_rig.profile import PlantProfile
 from robot_energy_rig.sensors import GridMeter, JointSensors, TemperatureSensor
-from robot_energy_rig.supply import Fan, Supply
 
 BLOCK = 1.0  # s of samples over which temperatures are held, at most
 AHEAD = 1024  # samples of the motion that are computed at once, at least a block
@@ -51,20 +53,15 @@ DIFFERENCE = 0.004  # s to either side, over which the wind-up of elastic joints
 Waiting = TypeVar("Waiting", bound=Block)
 
 
+@documented
 class Motion(NamedTuple):
-    """What a program makes the robot do from one sample on.
-
-    Attributes:
-        motors: Joint side; that of the links if gears are rigid.
-        motor_velocity: Shape (N, n). [rad/s]
-        rigid_torque: Of bodies and rotors, motor side, shape (N, n). [N m]
-    """
+    """What a program makes the robot do from one sample on."""
 
     first: int
     links: Trajectory
-    motors: Trajectory
-    motor_velocity: Float
-    rigid_torque: Float
+    motors: Annotated[Trajectory, "Joint side; that of the links if gears are rigid."]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    rigid_torque: Annotated[Float, "Of bodies and rotors, motor side, shape (N, n). [N m]"]
 
     def part(self, first: int, rows: int) -> Motion:
         """Return so many samples from one on."""
@@ -190,9 +187,6 @@ class VirtualRig:
 
         Temperatures and meter readings come with the first step whose last sample is not
         before their stamp.
-
-        Args:
-            n_samples: How many samples, >= 1.
         """
         if n_samples < 1:
             raise RigError(f"a step of {n_samples} samples was asked for", "at least 1")

@@ -12,21 +12,23 @@ itself does not count. Simulated throughout: nothing was measured on a robot.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from statistics import median
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.record import Calibrated
-from robot_energy.certainty.band import TEMPERATURE, Z90, power_std
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.certainty.deviation import TEMPERATURE, Z90, power_std
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.setup import ReplaySetup
-from robot_energy.timeline.blocks import Float, Int, Phase
+from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_plan.motion import random_program, tool_above
@@ -35,31 +37,24 @@ from robot_energy_rig.record import record
 
 BODY = "kr16"
 AMBIENT = 22.0  # degC
-SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the errors, for `score_quantiles`
+LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 SEEDS = 100  # of motions, for each plant
 MEAN = 1.0  # of the powers without a meter that are compared [s]
 
 
-@dataclass(frozen=True)
-class Recorded:
-    """What the rig does in one recording.
-
-    Attributes:
-        degc: Temperature of motors and gears at the start. [degC]
-        duration: [s]
-        dwell: Rest after every motion. [s]
-        speedup: Factor on how fast temperatures change. [-]
-        gear_degc: Temperature of the gears at the start, where it is not that of the motors. [degC]
-        rate: Of the joint states. [Hz]
-    """
+class Recorded(Described):
+    """What the rig does in one recording."""
 
     name: str
-    degc: float
-    duration: float
-    dwell: float
-    speedup: float = 1.0
-    gear_degc: float | None = None
-    rate: float = 250.0
+    degc: Annotated[float, "Temperature of motors and gears at the start. [degC]"]
+    duration: Annotated[float, "[s]"]
+    dwell: Annotated[float, "Rest after every motion. [s]"]
+    speedup: Annotated[float, "Factor on how fast temperatures change. [-]"] = 1.0
+    gear_degc: Annotated[
+        float | None,
+        "Temperature of the gears at the start, where it is not that of the motors. [degC]",
+    ] = None
+    rate: Annotated[float, "Of the joint states. [Hz]"] = 250.0
 
 
 TRAINING = (
@@ -84,54 +79,49 @@ RUNS = (
 )
 
 
-@dataclass(frozen=True)
-class BandRuns:
-    """What the rig does for the bands.
-
-    Attributes:
-        warm_up: For the gears; None: friction follows the motors.
-        metered: With a meter, which calibrates the bands.
-    """
+class BandRuns(Described):
+    """What the rig does for the bands."""
 
     training: tuple[Recorded, ...] = TRAINING
-    warm_up: Recorded | None = WARM_UP
-    metered: Recorded = Recorded("ten_minutes", 30.0, 600.0, 0.5)
+    warm_up: Annotated[Recorded | None, "For the gears; None: friction follows the motors."] = (
+        WARM_UP
+    )
+    metered: Annotated[Recorded, "With a meter, which calibrates the bands."] = Recorded(
+        "ten_minutes", 30.0, 600.0, 0.5
+    )
     held_out: tuple[Recorded, ...] = RUNS
 
 
-@dataclass(frozen=True)
-class Covered:
-    """One run, with and without the ten minutes at the meter.
-
-    Attributes:
-        error: Predicted over measured energy, less 1. [-]
-        half: Half width of the band of the energy after ten minutes with a meter, over the
-            measured energy. [-]
-        half_known: The same at known temperatures. [-]
-        half_alone: The same without a meter. [-]
-        counts: Readings of the meter, 0.1 s each, by phase: all, and those within the band of
-            power, shape (P, 2).
-        half_power: Median half width of that band over the mean power. [-]
-        inside_alone: Of them, within the band of power without a meter.
-        half_power_alone: Median half width of that band over the mean power. [-]
-        scores_power: Errors of the readings over the deviation that the band of power implies,
-            shape (readings,). [-]
-        scores_power_alone: The same of the means without a meter, shape (means,). [-]
-    """
+class Covered(Described):
+    """One run, with and without the ten minutes at the meter."""
 
     plant: str
     run: str
-    error: float
-    half: float
-    half_known: float
-    half_alone: float
-    counts: Int
-    half_power: float
+    error: Annotated[float, "Predicted over measured energy, less 1. [-]"]
+    half: Annotated[
+        float,
+        "Half width of the band of the energy after ten minutes with a meter, over the "
+        "measured energy. [-]",
+    ]
+    half_known: Annotated[float, "The same at known temperatures. [-]"]
+    half_alone: Annotated[float, "The same without a meter. [-]"]
+    counts: Annotated[
+        Int,
+        "Readings of the meter, 0.1 s each, by phase: all, and those within the band of "
+        "power, shape (P, 2).",
+    ]
+    half_power: Annotated[float, "Median half width of that band over the mean power. [-]"]
     means: int
-    inside_alone: int
-    half_power_alone: float
-    scores_power: Float = field(repr=False)
-    scores_power_alone: Float = field(repr=False)
+    inside_alone: Annotated[int, "Of them, within the band of power without a meter."]
+    half_power_alone: Annotated[float, "Median half width of that band over the mean power. [-]"]
+    scores_power: Annotated[
+        Float,
+        "Errors of the readings over the deviation that the band of power implies, shape "
+        "(readings,). [-]",
+    ] = field(repr=False)
+    scores_power_alone: Annotated[
+        Float, "The same of the means without a meter, shape (means,). [-]"
+    ] = field(repr=False)
 
     @property
     def readings(self) -> int:
@@ -269,33 +259,3 @@ def summary(rows: Sequence[Covered]) -> dict[str, float]:
         "median half width, power, without": median(one.half_power_alone for one in rows),
         "median half width, energy, without": median(one.half_alone for one in rows),
     }
-
-
-def by_run(rows: Sequence[Covered]) -> dict[str, dict[str, float]]:
-    """Return what `summary` gives, for each kind of run. [-]"""
-    names = dict.fromkeys(one.run for one in rows)
-    return {name: summary([one for one in rows if one.run == name]) for name in names}
-
-
-def by_phase(rows: Sequence[Covered]) -> dict[str, float]:
-    """Return the share of readings of power within the band with a meter, for each phase. [-]"""
-    counts = np.sum([one.counts for one in rows], axis=0)
-    return {
-        phase.name.lower(): float(counts[phase, 1] / counts[phase, 0])
-        for phase in Phase
-        if counts[phase, 0]
-    }
-
-
-def score_quantiles(rows: Sequence[Covered]) -> dict[str, Float]:
-    """Return quantiles, at `SHARES`, of errors over the standard deviations that the bands imply.
-
-    They are those of a normal distribution where bands hold and errors are normal.
-    """
-    scores = {
-        "power, with meter": np.concatenate([one.scores_power for one in rows]),
-        "energy, with meter": Z90 * np.array([one.error / one.half for one in rows]),
-        "power, without": np.concatenate([one.scores_power_alone for one in rows]),
-        "energy, without": Z90 * np.array([one.error / one.half_alone for one in rows]),
-    }
-    return {name: np.quantile(values, SHARES) for name, values in scores.items()}

@@ -12,7 +12,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
-from robot_energy.pipeline import Output
 from robot_energy.replay.bag_replay import replay
+from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.api.bag_source import BagSource
 from robot_energy_identify.drives.drive_data import DriveData, drive_data, drive_data_of_logs
@@ -32,6 +32,7 @@ from robot_energy_logs.log_formats import LOG_FORMATS
 from robot_energy_logs.log_import import contents_of, open_logs
 from robot_energy_logs.mapping import load_mapping
 from robot_energy_papers.job_pool import Steps, StudyRun
+from robot_energy_papers.pages import Piece
 
 DATA = "ROBOT_ENERGY_DATA"  # names the folder of the recordings
 ECBOT_TRAIN, ECBOT_TEST = (1.42, 2.80), (1.45, 5.25)  # W, of four robots
@@ -99,11 +100,7 @@ class TestedRobot(Described):
 
 
 def data_folder(given: str | None = None) -> Path:
-    """Return the folder of the recordings.
-
-    Raises:
-        ReportError: If there is none.
-    """
+    """Return the folder of the recordings."""
     folder = Path(given or os.environ.get(DATA, "") or "-")
     if not (folder / "rad_ur3e").is_dir() or not (folder / "voraus").is_dir():
         raise ReportError(
@@ -134,22 +131,14 @@ def _ur3e(folder: Path) -> TestedRobot:
             recording(str(file), scratch.path / file.stem, model.joint_names).bag for file in files
         ]
         data = drive_data(BagSource(bags).recordings(model), [None] * len(bags), False)
-        work = [_work(bag, model) for bag in bags]
+        # who observes a replay lets it keep joint positions
+        replays = [replay(bag, model, on_output=lambda _: None).work for bag in bags]
+        work = [(one.tool_path, one.body_work) for one in replays]
     names = [file.stem.removesuffix(".unix") for file in files]
     return tested(
         "UR3e (Universal Robots)", "DC bus, 48 V: controller's voltage x current",
         "model: shipped bodies and friction, nothing fitted", data, model, names, work,
     )  # fmt: skip
-
-
-def _work(bag: str | Path, model: RobotModel) -> tuple[float, float]:
-    """Path of the tool [m] and work on the bodies [J]."""
-
-    def observe(_: Output) -> None:
-        """Let the replay keep joint positions."""
-
-    work = replay(bag, model, on_output=observe).work
-    return work.tool_path, work.body_work
 
 
 def _yu_cobot(file: Path) -> TestedRobot:
@@ -160,11 +149,7 @@ def _yu_cobot(file: Path) -> TestedRobot:
 
 
 def cobot_data(file: Path) -> DriveData:
-    """Return a Yu-Cobot with measured power of its supply and torque of each motor.
-
-    Args:
-        file: ``test.parquet`` of the set.
-    """
+    """Return a Yu-Cobot with measured power of its supply and torque of each motor."""
     mapping = load_mapping(EXAMPLES / "mappings" / "voraus.yaml")
     logs = open_logs([str(file)], mapping)
     effort = mapping.joints.effort
@@ -227,3 +212,45 @@ def tested(
 def _mean(power: Float, pieces: Sums) -> float:
     """Mean over time. [W]"""
     return float(power @ pieces.duration / pieces.duration.sum())
+
+
+LABEL = "real recordings, each predicted by a fit that has not seen it"
+
+
+def figures(result: tuple[TestedRobot, ...]) -> dict[str, Any]:
+    """Return every figure of the study, ready for JSON; shares are 0 to 1."""
+    return {
+        "label": LABEL,
+        "ecbot": {"train_rms": ECBOT_TRAIN, "test_rms": ECBOT_TEST, "robots": 4},
+        "robots": [
+            {
+                **json_value(robot),
+                "rms_over_mean": robot.of_mean,
+                "rms_over_spread": robot.of_spread,
+                "recordings": [
+                    {
+                        **json_value(one),
+                        "energy_per_metre": one.energy_per_metre,
+                        "body_work_share": one.body_work_share,
+                    }
+                    for one in robot.recordings
+                ],
+            }
+            for robot in result
+        ],
+        "without_power": WITHOUT,
+    }
+
+
+def context(result: tuple[TestedRobot, ...]) -> dict[str, Any]:
+    """Return what the expressions of the templates use."""
+    return {
+        "robots": result, "label": LABEL, "train": ECBOT_TRAIN, "test": ECBOT_TEST,
+        "without": WITHOUT,
+    }  # fmt: skip
+
+
+def pieces(result: tuple[TestedRobot, ...]) -> dict[str, Piece]:
+    """Return figures and parts by name: the page has tables alone."""
+    del result
+    return {}

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from robot_energy.foundation.extras import require
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.rigid_body import Robot
+from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.api.identify import identify_all
 from robot_energy_papers.experiment import (
@@ -35,9 +37,11 @@ from robot_energy_papers.experiment import (
 )
 from robot_energy_papers.held_out import held_out
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
-from robot_energy_papers.models import FIXED_DEGC, identify, without_knowledge
-from robot_energy_papers.soaked_rigs import PlantRow
+from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify, without_knowledge
+from robot_energy_papers.pages import Piece
+from robot_energy_papers.soaked_rigs import PlantRow, error_spreads
 from robot_energy_plan.motion import MotionLimits, Program, random_program, tool_above
+from robot_energy_report.canvas import COLOURS, SERIES, Target, canvas
 from robot_energy_studies.simulator.drawn import DrawnRobot, drawn_robot
 from robot_energy_studies.simulator.heat import WINDING, HeatNetwork
 from robot_energy_studies.simulator.recording import drawn_sensors, record
@@ -165,12 +169,7 @@ def independent_row(plant_seed: int, scale: IndependentStudySize) -> Independent
 def recorded_sets(
     robot: DrawnRobot, seed: int, scale: IndependentStudySize, folder: Path
 ) -> Experiment:
-    """Return what a robot records.
-
-    Args:
-        seed: Of its motions and sensors.
-        folder: Of the bags.
-    """
+    """Return what a robot records."""
     train, test, hold = _programs(robot, seed, scale.moves)
     n_joints, random = len(robot.joint_names), np.random.default_rng([0x6865, seed])
     work = Robots(robot, (train, test), even(2, WORK_DEGC, n_joints), np.full(2, WORK_DEGC))
@@ -238,3 +237,72 @@ def warmed(network: HeatNetwork, heat: Float, hall_degc: float, shares: Sequence
     mean = chosen[:, WINDING].mean(axis=-1)
     goals = mean[0] + np.array(shares) * (mean[-1] - mean[0])
     return chosen[np.abs(mean[:, None] - goals).argmin(axis=0)]
+
+
+LABEL = "second simulator (MuJoCo), robots drawn at random; nothing here was measured on a robot"
+NAMES = {
+    fixed_name(FIXED_DEGC[0]): "friction fixed, of the coldest set",
+    fixed_name(FIXED_DEGC[1]): "friction fixed, of the set nearest to 60 degC",
+    FOLLOWS: "friction follows motor temperature (paper A)",
+    FULL_MODEL: "all that identify all finds",
+}
+DRAWN = {fixed_name(FIXED_DEGC[0]): COLOURS["fixed"], FOLLOWS: SERIES[1], FULL_MODEL: SERIES[0]}
+
+
+def figures(result: Independent) -> dict[str, Any]:
+    """Return every figure of the study, ready for JSON; shares are 0 to 1."""
+    return {
+        "label": LABEL,
+        "seed": result.seed,
+        "plants": [row.plant_seed for row in result.rows],
+        "error": json_value(error_spreads(result.rows)),
+        "worst_by_plant": {name: _worst(result.rows, name) for name in NAMES},
+        "refused": [row.refused for row in result.rows if row.refused],
+        "imbalance": max(row.imbalance for row in result.rows),
+        "rows": json_value(result.rows),
+    }
+
+
+def _worst(rows: list[IndependentRow], name: str) -> dict[str, float] | None:
+    """Quantiles over plants of the greatest error in size over temperatures."""
+    worst = [max(map(abs, row.error[name])) for row in rows if name in row.error]
+    if not worst:
+        return None
+    shares = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three_quarters": 0.75, "greatest": 1.0}
+    return {word: float(np.quantile(worst, share)) for word, share in shares.items()}
+
+
+def context(result: Independent) -> dict[str, Any]:
+    """Return what the expressions of the templates use."""
+    degc = [value for row in result.rows for value in row.robot_degc]
+    return {
+        "result": result,
+        "data": figures(result),
+        "errors": error_spreads(result.rows),
+        "names": NAMES,
+        "degc": (min(degc), max(degc)),
+        "quick": len(result.rows) < 10,
+    }
+
+
+def pieces(result: Independent) -> dict[str, Piece]:
+    """Return the figures of the page."""
+    return {"errors": partial(errors, result.rows)}
+
+
+def errors(rows: list[IndependentRow], path: Target) -> None:
+    """Draw the error of every plant over robot temperature."""
+    with canvas(path, (7.0, 4.0), "error of grid energy over robot temperature") as figure:
+        axes: Any = figure.subplots()
+        for name, colour in DRAWN.items():
+            label = NAMES[name]
+            for row in rows:
+                if name in row.error:
+                    percent = 100 * np.array(row.error[name])
+                    axes.plot(row.robot_degc, percent, "-o", markersize=3, linewidth=0.8,
+                              color=colour, label=label)  # fmt: skip
+                    label = None
+        axes.axhline(0.0, color="#16202b", linewidth=0.8)
+        axes.set_xlabel("mean temperature of the motors [degC]")
+        axes.set_ylabel("predicted grid energy over measured, less 1 [%]")
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0))

@@ -5,22 +5,19 @@ at several temperatures; identifies everything, beginning with a model whose bod
 losses are those of the shipped model and wrong; and compares each figure with the plant. A 95 %
 interval is the figure +- 1.96 of its standard deviation, as the model file says it. Within the
 form of the model a plant has no effect without a term in the model file; a hard plant has all.
-
-Do intervals from more recordings meet those from fewer? `DrawnPlant.more_recordings` counts it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import Z95
+from robot_energy.certainty.deviation import Z95
 from robot_energy.foundation.described import Described
 from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import RobotModel, load
@@ -83,14 +80,6 @@ class IntervalCoverage(Described):
     deviations: Annotated[
         float, "Root mean square of the error in standard deviations; 1 if these are right. [-]"
     ]
-
-
-class MoreRecordings(Described):
-    """Intervals of one plant from some recordings and from one more."""
-
-    recordings: int
-    figures: int
-    disjoint: Annotated[tuple[str, ...], "Names of those whose intervals do not meet."]
 
 
 class DrawnPlant(Described):
@@ -205,15 +194,6 @@ class DrawnPlant(Described):
         """
         return self.identified(self.recorded(folder, drive_power=bool(self.seed % 2)))
 
-    def more_recordings(self, folder: Path) -> list[MoreRecordings]:
-        """Return one entry for each recording that is added to the first two."""
-        bags = self.recorded(folder)
-        found = [self.identified(bags[:count]) for count in range(2, len(bags) + 1)]
-        return [
-            MoreRecordings(number + 2, *disjoint(fewer, more))
-            for number, (fewer, more) in enumerate(pairwise(found))
-        ]
-
 
 def program_of(profile: PlantProfile, seed: int) -> Program:
     """Return a motion of a plant: point to point, with rests."""
@@ -296,11 +276,7 @@ def repetitions(
 
 
 def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
-    """Return how often the intervals of each group hold the truth.
-
-    Args:
-        found: Figures of each repetition.
-    """
+    """Return how often the intervals of each group hold the truth."""
     rows: list[IntervalCoverage] = []
     for group in GROUPS:
         own = [[entry for entry in part if entry.group == group] for part in found]
@@ -321,19 +297,3 @@ def coverages(found: Sequence[Sequence[Judged]]) -> list[IntervalCoverage]:
             )
         )
     return rows
-
-
-def disjoint(fewer: Sequence[Judged], more: Sequence[Judged]) -> tuple[int, tuple[str, ...]]:
-    """Return how many figures two identifications share, and whose intervals do not meet."""
-    known = {(entry.group, entry.name): entry for entry in fewer if entry.std > 0.0}
-    pairs = [
-        (known[key], entry)
-        for entry in more
-        if (key := (entry.group, entry.name)) in known and entry.std > 0.0
-    ]
-    apart = [
-        f"{one.group} {one.name}"
-        for one, other in pairs
-        if abs(one.value - other.value) > Z95 * (one.std + other.std)
-    ]
-    return len(pairs), tuple(apart)

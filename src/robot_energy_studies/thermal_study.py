@@ -1,21 +1,20 @@
-"""The thermal observer on the virtual rig with its sensors hidden, and on a real log.
+"""The thermal observer on the virtual rig with its sensors hidden.
 
-Rig: plants drawn at random; friction over temperature and the thermal networks are identified
+Plants drawn at random; friction over temperature and the thermal networks are identified
 from one run, and another program at another ambient is replayed with the temperature sensors and
 without them. The time of the temperatures runs four times as fast as that of the motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
-from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,
@@ -31,14 +30,10 @@ from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.friction.friction import fit_axes, with_friction
 from robot_energy_identify.friction.samples import friction_data
 from robot_energy_identify.thermal.network import (
-    ambient_of,
-    fit_network,
     fit_networks,
-    free_run,
     with_networks,
 )
-from robot_energy_identify.thermal.windows import runs_of_log, runs_of_recordings, without_networks
-from robot_energy_logs.recording import LogBlock
+from robot_energy_identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy_rig.record import ORIGIN, outputs
@@ -55,45 +50,30 @@ AMBIENT_SPREAD = 3.0  # K between the air of the model file and that of the test
 HOTTEST = 120.0  # degC, beyond which a plant is worked at half the speed
 
 
-@dataclass(frozen=True)
-class HiddenPlant:
-    """One plant, its test replayed without temperature sensors.
-
-    Attributes:
-        warm_rms: Error of the estimate after the first twenty minutes, by joint. [K]
-        early_rms: The same within them. [K]
-        fallback_rms: Error of the fallback temperature over the whole test, by joint. [K]
-        std: Mean standard deviation that the estimate states. [K]
-        covered: Share of the samples whose true temperature lies in the 90 % band. [-]
-        energy_change: Predicted energy without sensors over that with them, less 1, each of the
-            true energy. [-]
-        fallback_change: The same with the fallback temperature instead of the estimate. [-]
-        refused: Why joints have no network, one sentence each.
-    """
+class HiddenPlant(Described):
+    """One plant, its test replayed without temperature sensors."""
 
     name: str
-    warm_rms: Float
-    early_rms: Float
-    fallback_rms: Float
-    std: float
-    covered: float
-    energy_change: float
-    fallback_change: float
-    refused: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class FreeRun:
-    """One motor of a log: fitted on one run, run freely over another.
-
-    Attributes:
-        rms: Of the free run. [K]
-        held_rms: With the first reading held. [K]
-    """
-
-    name: str
-    rms: float
-    held_rms: float
+    warm_rms: Annotated[
+        Float, "Error of the estimate after the first twenty minutes, by joint. [K]"
+    ]
+    early_rms: Annotated[Float, "The same within them. [K]"]
+    fallback_rms: Annotated[
+        Float, "Error of the fallback temperature over the whole test, by joint. [K]"
+    ]
+    std: Annotated[float, "Mean standard deviation that the estimate states. [K]"]
+    covered: Annotated[
+        float, "Share of the samples whose true temperature lies in the 90 % band. [-]"
+    ]
+    energy_change: Annotated[
+        float,
+        "Predicted energy without sensors over that with them, less 1, each of the true "
+        "energy. [-]",
+    ]
+    fallback_change: Annotated[
+        float, "The same with the fallback temperature instead of the estimate. [-]"
+    ]
+    refused: Annotated[tuple[str, ...], "Why joints have no network, one sentence each."] = ()
 
 
 @dataclass(frozen=True)
@@ -140,31 +120,6 @@ def hidden_sensors(body: str, seed: int) -> HiddenPlant:
         (held - with_sensors) / energy,
         tuple(refused),
     )
-
-
-def free_runs(rows: LogBlock, names: Sequence[str]) -> list[FreeRun]:
-    """Return errors of every motor of a log, fitted on its first run, over its last one.
-
-    Of that the fit has seen nothing but the first reading.
-
-    Raises:
-        NotIdentifiableError: If a motor of the log has fewer than two runs.
-    """
-    found: list[FreeRun] = []
-    runs = [runs_of_log([rows], joint) for joint in range(len(names))]
-    ambient = ambient_of([motor[:1] for motor in runs])
-    for name, motor in zip(names, runs, strict=True):
-        if len(motor) < 2:
-            raise NotIdentifiableError(f"the log has {len(motor)} runs of {name}", "two")
-        fit = fit_network(name, motor[:1], ambient)
-        last = motor[-1]
-        measured = last.motor_temperature_degc
-        known = np.isfinite(measured)
-        off = free_run(MotorHeat.of([fit.network]), last, ambient) - measured
-        held = last.start_degc - measured
-        rms = (float(np.sqrt(np.mean(part[known] ** 2))) for part in (off, held))
-        found.append(FreeRun(name, *rms))
-    return found
 
 
 def _program(profile: PlantProfile, seed: int, number: int, override: float) -> Program:
@@ -239,8 +194,3 @@ def _identified(model: RobotModel, run: _Run, ambient: float) -> tuple[RobotMode
     temperature = model.temperature.model_copy(update={"fallback_degc": ambient})
     model = with_networks(model.changed(temperature=temperature), networks, ambient)
     return model, [*refused, *without]
-
-
-def study(plants: int) -> list[HiddenPlant]:
-    """Return the errors without sensors of some plants, of the robots in turn."""
-    return [hidden_sensors(ROBOTS[number % len(ROBOTS)], number) for number in range(plants)]

@@ -25,8 +25,7 @@ import psutil
 
 from robot_energy_fleet.bag_list import FleetBag, FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset
-from robot_energy_fleet.fleet_run import FleetRun, in_turn, run_fleet
-from robot_energy_fleet.workers import Replays, on_dask
+from robot_energy_fleet.fleet_run import FleetRun, Replays, in_turn, on_dask, run_fleet
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "kr16_warm"
 ROBOTS = 20

@@ -14,12 +14,12 @@ from robot_energy.accounting.record import FORMAT_VERSION
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.temperatures.kinds import TEMPERATURE_KINDS
 from robot_energy.model import parse_yaml, validate
-from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.store.account_store import file_name_of, identity_of, load_account
-from robot_energy.store.envelope import wrap
+from robot_energy.store.slots import wrap
 from robot_energy_identify.starter import read_arm, read_description, starter_text
+from robot_energy_identify.starter.model_remarks import implausible
 
 
 def model_file(data: bytes) -> bool:

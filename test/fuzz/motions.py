@@ -7,9 +7,9 @@ import yaml
 from target import JOINTS, done, in_file
 
 import robots
+from boat import stl
 from robot_energy.bag.cdr import typestore
 from robot_energy.physics.rigid_body import Robot
-from robot_energy_papers.boat import stl
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion.gcode import load_gcode, read_gcode
 from robot_energy_plan.motion.joint_trajectory import read_points

@@ -19,8 +19,7 @@ from robot_energy.model.payload import payload
 from robot_energy.pipeline import Settings
 from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.replay_topics import Topics
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ReplaySetup, Topics
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_logs.ur_rtde import import_ur_rtde

@@ -6,7 +6,7 @@ import pytest
 
 from fleets import fleet
 from robot_energy.foundation.units import HOUR_NS
-from robot_energy_fleet.joint_sums import MEASURED, UPPER, gram_of
+from robot_energy_fleet.bag_joints import MEASURED, UPPER, gram_of
 from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.tables import SCHEMAS, tables_of
 

@@ -28,8 +28,7 @@ from robot_energy.inputs.temperatures.kinds import (
 )
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import Replay, replay
-from robot_energy.replay.replay_topics import Topics
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ReplaySetup, Topics
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import Quality
 

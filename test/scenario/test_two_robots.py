@@ -8,8 +8,7 @@ from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.replay_topics import Topics
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ReplaySetup, Topics
 from robot_energy.results.replay import replay_report
 
 RIGHT, LEFT = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"

@@ -44,7 +44,7 @@ from sensor_msgs.msg import JointState
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import save
-from robot_energy.store.envelope import unwrap
+from robot_energy.store.slots import unwrap
 from robots import one_wheel
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.publishers import reliable

@@ -13,7 +13,7 @@ import argparse
 
 import numpy as np
 
-from robot_energy_history.baseline import compare, fit_baseline
+from robot_energy_history.savings import compare, fit_baseline
 
 KINDS = {
     "scatter 2 %": (0.02, 0.0, True),

@@ -33,7 +33,7 @@ from ros2_energy_msgs.srv import CloseInterval, OpenInterval, ResetRegisters, Se
 
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import StateFileError
-from robot_energy.store.envelope import is_newer, unwrap
+from robot_energy.store.slots import is_newer, unwrap
 
 MINUTES = (45.0, 1.5)
 HOSTILE = ("x" * 300_000, "a\n[ERROR] forged", "\x1b[2J", "", " ", "\U0001f916" * 201)

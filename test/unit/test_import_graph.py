@@ -31,15 +31,15 @@ MODULES = {
         batch decode encode lazy_store plan schema types walk
     """,
     "robot_energy.certainty": """
-        band band_calibration deviation energy_calibration figure_deviations
+        band_calibration deviation energy_calibration figure_deviations
         friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline buckets drift joint_friction learner meter_fit meter_windows
-        programs record thermal_observer thermal_state wear wear_records
+        baseline drift joint_friction learner meter_fit record thermal_observer
+        thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
-        blas_threads config_file described errors extras kinds options process_memory schema_errors
+        config_file described errors extras kinds options process_memory schema_errors
         shown shown_text stopping time_zone units
     """,
     "robot_energy.foundation.files": """
@@ -62,13 +62,13 @@ MODULES = {
         fields friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary counterbalance drive_models figure friction_laws joint load open_schema
+        auxiliary drive_models figure friction_laws joint load open_schema
         payload schema
     """,
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort effort_check
         electrical_power equations friction hold_torque motor_heat pinocchio_model
-        plausibility rigid_body torque_limits
+        rigid_body torque_limits
     """,
     "robot_energy.physics.urdf": """
         checks compare limits moving_joints parse
@@ -78,46 +78,46 @@ MODULES = {
         settings torque_stage work_sums
     """,
     "robot_energy.replay": """
-        api bag_replay energy_bag inputs options power_table read_ahead recorded_jobs
-        replay_steps replay_topics setup
+        api bag_replay energy_bag options power_table read_ahead recorded_jobs
+        replay_steps setup
     """,
     "robot_energy.results": """
-        auxiliary base condition energy model normalised replay
+        auxiliary base energy replay
     """,
     "robot_energy.store": """
-        account_store condition_store envelope slot_store slots
+        account_store condition_store slots
     """,
     "robot_energy.timeline": """
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run
-        history history_output identify_all identify_drives identify_dynamics
-        identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info kinds layouts listings main model_reference models
-        monitoring numbers optimize predict replay replay_arguments report result_schema shared_bus
-        simulate terminal test tool_options
+        advise check command commands export fleet_identify fleet_report fleet_run history
+        history_output identify_all identify_drives identify_dynamics identify_excitation
+        identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
+        layouts listings main model_reference models monitoring optimize predict replay
+        replay_arguments report result_schema shared_bus simulate stopping terminal test
+        tool_options
     """,
     "robot_energy_fleet": """
-        api bag_joints bag_list bag_places bag_row bag_sums dataset
-        findings fleet_run history_tables identify joint_sums
-        merged_laws options report sisters tables workers
+        api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
+        merged_laws options report sisters tables
     """,
     "robot_energy_fleet.advice": """
         advise claims dataset_evidence evidence
     """,
     "robot_energy_fleet.documents": """
-        advice fleet fleet_figures
+        advice fleet
     """,
     "robot_energy_fleet.results": """
         advice fleet
     """,
     "robot_energy_history": """
-        api bags baseline check differences files jobs notes outputs queries readings rollup rows
-        savings schema store tariffs use
+        api bags check differences files jobs notes outputs queries readings rollup rows savings
+        schema store tariffs use
     """,
     "robot_energy_identify": """
-        bounds friction_and_thermal options plausibility provenance refused_recordings run_all steps
+        blas_threads bounds friction_and_thermal options plausibility provenance
+        refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
@@ -126,7 +126,7 @@ MODULES = {
         readings states
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link fan link_errors link_readings phase_readings supply
+        cabinet dc_link fan levels link_errors link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
         evidence finding meter motion possible_causes process remedies run torque torque_fit
@@ -152,10 +152,10 @@ MODULES = {
         check drives dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        actuators arm description model_text priors
+        actuators arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag low_pass_error regression systematic
+        autocorrelation cross_validation held_out_energy lag regression systematic torque_errors
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
@@ -165,7 +165,7 @@ MODULES = {
         text_table ur_rtde
     """,
     "robot_energy_papers": """
-        boat calibration drawings drive_study experiment held_out job_pool machines mantis
+        calibration drawings drive_study experiment held_out job_pool machines mantis
         map_sensitivity models pages paper_a paper_a_page paper_b paper_b_page sensitivity
         soaked_rigs wall wall_sensitivity
     """,
@@ -185,34 +185,30 @@ MODULES = {
     """,
     "robot_energy_plan.optimization": """
         candidates chain comparison deviations forms gcode_form levelling measures plan
-        program_form ptp_form rest_states search task time_law timed_moves trajectory_form
+        program_form rest_states search task time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         common_supply optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline
-        held_out history_month html identification identify_all jobs layout model notebook
-        optimization prediction prediction_figure printing recordings repeats replay
-        replay_figures series shared_bus
+        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
+        history_month html identification identify_all jobs layout model notebook optimization
+        prediction printing recordings repeats replay replay_figures
     """,
     "robot_energy_report.layouts": """
         plots viewers
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures
-        history_period history_routes history_view hub json_numbers messages
-        metrics phase_totals recording robot_state rows saved_page settings terms
-        web_app web_server
+        access alarms answers energy_flow headless_browser history history_figures history_routes
+        history_view hub json_numbers messages metrics phase_totals recording robot_state saved_page
+        settings web_app web_server
     """,
     "robot_energy_rig": """
-        auxiliary config output plant profile record sensors supply
-        virtual_rig
+        config output plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
-        advice_study band_coverage bus_study certainty certainty_page ecbot ecbot_page fleet_study
-        generated_fleet independent independent_page interval_coverage judged_savings
-        learning_study left_out savings savings_page savings_study thermal_study wear_shift
+        band_coverage certainty ecbot generated_fleet independent interval_coverage judged_savings
+        learning_study savings savings_study thermal_study wear_shift
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots
@@ -262,7 +258,8 @@ LAYERS = {
         ("api",),
     ),
     "robot_energy_identify": (
-        ("starter", "check"),
+        ("starter", "blas_threads"),
+        ("check",),
         ("",),
         ("results",),
         ("api",),

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from robot_energy.certainty.band import energy_variances
+from robot_energy.certainty.deviation import energy_variances
 from robot_energy.foundation.errors import MotionError, UnknownJointError
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.payload import payload

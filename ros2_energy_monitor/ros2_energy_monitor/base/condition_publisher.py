@@ -19,7 +19,7 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import FrictionCondition, JointCondition
 from ros2_energy_msgs.msg import WearAlarm as WearAlarmMessage
 
-from robot_energy.condition.buckets import BUCKET_DEGC, BUCKET_SPEED
+from robot_energy.condition.joint_friction import BUCKET_DEGC, BUCKET_SPEED
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.condition.wear import REMEDY, WearAlarm
 from robot_energy.foundation.units import SECOND_NS

@@ -75,7 +75,9 @@ class Guard:
         Args:
             accounts: Each account of the input, with how many messages have arrived for it.
         """
-        kept = [(log, replace(log, rejected=log.rejected.copy()), n) for log, n in accounts]
+        kept: list[tuple[RejectionLog, RejectionLog, int]] = []
+        for log, arrived in accounts:
+            kept.append((log, replace(log, rejected=log.rejected.copy()), arrived))
 
         def lose() -> None:
             for log, before, arrived in kept:

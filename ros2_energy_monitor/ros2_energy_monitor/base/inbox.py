@@ -21,6 +21,7 @@ import time
 from bisect import bisect_left, insort
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -37,6 +38,7 @@ from rclpy.qos import QoSProfile
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.timeline.blocks import NANOSECOND
 from ros2_energy_monitor.diagnostics.topic_publishers import TopicPublishers
 
 MAX_EXPLANATIONS = 8
@@ -272,6 +274,7 @@ class Inbox:
         self._qos = qos
         self._depth = qos.depth
         self._arrived_ns: int | None = None
+        self._heard_ns: int | None = None  # of it, what is known to `_revival`
         # Messages, their numbers as their publishers count, when the middleware received them [ns].
         self._queue: deque[tuple[bytes, int | None, int]] = deque(maxlen=qos.depth)
         self._sequences = MessageLossCounter(self.met)
@@ -292,7 +295,10 @@ class Inbox:
             gives none. None if there are no messages.
         """
         if self.direct:
-            self._take()
+            handle, take = self._subscription.handle, self._subscription.handle.take_message
+            with suppress(InvalidHandle), handle:  # invalid while the node is being destroyed
+                while len(self._queue) < self._depth and (taken := take(self._type, True)):
+                    self._keep(*taken)
         if not self._queue:
             return None
         messages, numbers, received_ns = zip(*self._queue, strict=True)
@@ -302,8 +308,6 @@ class Inbox:
         self.received += len(messages)
         self.overflows += len(messages) >= self._depth
         self._arrived_ns = time.monotonic_ns()
-        if self._revival is not None:
-            self._revival.heard(time.monotonic())
         clock = self._node.get_clock()
         now, times = clock.now().nanoseconds, np.array(received_ns, dtype=np.int64)
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
@@ -335,6 +339,9 @@ class Inbox:
         """Subscribe again if it is time for that; called about once a second."""
         if self._revival is None:
             return
+        if self._arrived_ns is not None and self._arrived_ns != self._heard_ns:
+            self._heard_ns = self._arrived_ns
+            self._revival.heard(self._arrived_ns * NANOSECOND)
         known = self._node.count_publishers(self.topic)
         if self._revival.due(time.monotonic(), known):
             self.renew()
@@ -364,7 +371,7 @@ class Inbox:
         """Time since messages were last drained; NaN before the first. [s]"""
         if self._arrived_ns is None:
             return float("nan")
-        return (time.monotonic_ns() - self._arrived_ns) * 1e-9
+        return (time.monotonic_ns() - self._arrived_ns) * NANOSECOND
 
     @property
     def publishers(self) -> int:
@@ -391,19 +398,6 @@ class Inbox:
         if status is None:
             return self._met_before + self.publishers, self.publishers
         return self._met_before + int(status.total_count), int(status.current_count)
-
-    def _take(self) -> None:
-        """Queue what the queue of the middleware holds, as far as there is room."""
-        handle = self._subscription.handle
-        try:
-            with handle:
-                while len(self._queue) < self._depth:
-                    taken = handle.take_message(self._type, True)
-                    if taken is None:
-                        return
-                    self._keep(*taken)
-        except InvalidHandle:  # the node is being destroyed
-            return
 
     def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""

@@ -58,7 +58,7 @@ class PlayedRecording:
 
     def look(self) -> Change:
         """Say what has changed; call it before anything is taken."""
-        met = [inbox.met() for inbox in self._inboxes]
+        met = [*map(Inbox.met, self._inboxes)]
         if met == self._met:
             return Change.NONE
         names = self._names([now for _, now in met])

@@ -124,11 +124,7 @@ def record(context: Context, seconds: float, stop: StopSignal | None = None) -> 
 
 
 def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
-    """Write what was recorded.
-
-    Args:
-        overwrite: Whether a bag that is there may be replaced.
-    """
+    """Write what was recorded; a bag that is there is replaced if asked for."""
     with BagWriter(path, overwrite=overwrite, origin=ORIGIN) as bag:
         for topic, msgtype in TYPES.items():
             bag.add_topic(topic, msgtype)

@@ -19,12 +19,13 @@ import socket
 import time
 import urllib.request
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 from rclpy.executors import SingleThreadedExecutor
 from rich.console import Console as Terminal
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, PageError, RobotEnergyError
 from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model import RobotModel, load
@@ -35,36 +36,28 @@ from robot_energy_report.printing import table
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, bundled, identify_plant
-from ros2_energy_monitor.demo.processes import NodeProcesses
+from ros2_energy_monitor.demo.live_study import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
 
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
 BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed model in its figure
 
 
-@dataclass(frozen=True)
-class Row:
-    """One bag.
-
-    Attributes:
-        measured: Energy by the meter. [J]
-        aware: Predicted with friction that follows the temperature. [J]
-        fixed: Predicted with friction of one temperature, by that temperature. [J by degC]
-    """
+class Row(Described):
+    """One bag."""
 
     bag: str
-    measured: float
-    aware: float
-    fixed: dict[float, float]
+    measured: Annotated[float, "Energy by the meter. [J]"]
+    aware: Annotated[float, "Predicted with friction that follows the temperature. [J]"]
+    fixed: Annotated[
+        dict[float, float],
+        "Predicted with friction of one temperature, by that temperature. [J by degC]",
+    ]
     figure: Path
 
 
 def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
-    """Return one row per bundled bag, after printing the table and writing the figures.
-
-    Args:
-        model_name: Model of the robot in the bags: a name or a file.
-    """
+    """Return one row per bundled bag, after printing the table and writing the figures."""
     model = load(model_name)
     out.mkdir(parents=True, exist_ok=True)
     rows = [_row(path, model, out) for path in bundled(bags, BAGS)]
@@ -94,8 +87,7 @@ def show_bags(bags: Path, out: Path, model_name: str) -> list[Row]:
 
 def _row(bag: Path, model: RobotModel, out: Path) -> Row:
     # Matplotlib is slow to import and of no use to the live part.
-    from robot_energy_report.replay_figures import power_and_energy
-    from robot_energy_report.series import compared_series
+    from robot_energy_report.replay_figures import compared_series, power_and_energy
 
     first = replay(bag, model, keep_curves=True)
     fixed = {

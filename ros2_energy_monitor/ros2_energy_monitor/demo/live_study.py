@@ -8,19 +8,24 @@
 
 """The held-out motions of the study of paper A, live through the three nodes.
 
-The energies that they publish are compared with those of the replay.
+The energies that they publish are compared with those of the replay. All nodes end with their
+parent, whatever happens to it.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Annotated, Any, Self
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -28,14 +33,81 @@ from rclpy.node import Node
 from ros2_energy_msgs.msg import EnergyRegisters
 
 from robot_energy.bag import BagReader
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
 from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, reliable
 from ros2_energy_monitor.base.run_node import StopSignal, ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
-from ros2_energy_monitor.demo.processes import NodeProcesses
 from ros2_energy_monitor.nodes.player import LEAD, Player, pausing
+
+PR_SET_PDEATHSIG = 1
+GRACE = 30.0  # in which a node ends after SIGINT on any machine, before SIGKILL [s]
+
+
+class NodeProcesses:
+    """Starts nodes of this package and stops them at the end of the `with` block."""
+
+    def __init__(self, log_folder: Path, environment: dict[str, str]) -> None:
+        self._folder = log_folder
+        self._environment = environment
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, **parameters: object) -> None:
+        """Start a node."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        words = [f"{key}:={value}" for key, value in parameters.items()]
+        options = ["--ros-args", *(word for pair in words for word in ("-p", pair))]
+        with self.log(name).open("wb") as log:
+            self._running[name] = subprocess.Popen(
+                [sys.executable, "-m", "ros2_energy_monitor", name, *options],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=self._environment,
+                preexec_fn=_end_with_parent,
+            )
+
+    def log(self, name: str) -> Path:
+        """Return the file with a node's output."""
+        return self._folder / f"{name}.log"
+
+    def ended(self) -> list[str]:
+        """Return the nodes that have ended, which they should not by themselves."""
+        return [name for name, child in self._running.items() if child.poll() is not None]
+
+    def stop(self, *names: str) -> dict[str, int]:
+        """Return the exit codes of some nodes or all; what does not end is killed."""
+        chosen = {name: self._running.pop(name) for name in names or tuple(self._running)}
+        for child in chosen.values():
+            if child.poll() is None:
+                child.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + GRACE
+        for child in chosen.values():
+            try:
+                child.wait(timeout=max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+        return {name: child.returncode for name, child in chosen.items()}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this child when its parent dies without stopping it (Linux)."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
 
 MODEL = "follows"  # of the study: friction follows temperature, plain as in the paper
 TOPICS = (JOINT_STATES_TOPIC, TEMPERATURES_TOPIC, METER_TOPIC)
@@ -52,19 +124,13 @@ SAME = 1e-6  # share by which energies of nodes and replay may differ
 MAX_START_TIME = 60.0  # s until the monitors listen
 
 
-@dataclass(frozen=True)
-class Expected:
-    """What the study says of one recording, by replay.
-
-    Attributes:
-        measured: Energy by the meter. [J]
-        predicted: By the model, over the same time. [J]
-    """
+class Expected(Described):
+    """What the study says of one recording, by replay."""
 
     bag: Path
     robot_degc: float
-    measured: float
-    predicted: float
+    measured: Annotated[float, "Energy by the meter. [J]"]
+    predicted: Annotated[float, "By the model, over the same time. [J]"]
 
 
 def read_study(folder: Path) -> list[Expected]:

@@ -37,7 +37,6 @@ class InputWatch:
     """Checks one input.
 
     Args:
-        what: What the input brings, such as ``joint state``.
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
     """

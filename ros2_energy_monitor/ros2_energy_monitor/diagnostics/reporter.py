@@ -94,11 +94,7 @@ class Reporter:
         self._logged: set[str] = set()
 
     def publish(self, statuses: list[StatusBuilder], hardware_id: str) -> None:
-        """Publish the statuses, and log the remarks that are new.
-
-        Args:
-            hardware_id: Type, serial number and namespace of the robot; empty for none.
-        """
+        """Publish the statuses, and log the remarks that are new."""
         message = DiagnosticArray()
         now = bounded(self._node.get_clock().now().nanoseconds)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, SECOND_NS)

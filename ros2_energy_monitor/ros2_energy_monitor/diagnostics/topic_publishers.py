@@ -27,9 +27,6 @@ NOT_YET_KNOWN = "a node not yet known"
 class TopicPublishers:
     """The publishers of one topic as the graph knows them.
 
-    Args:
-        msgtype: Type as bags name it, such as ``sensor_msgs/msg/JointState``.
-
     Attributes:
         names: Publishers by the full name of their node, with their number.
         complaints: Why nothing arrives from some of them, one sentence part for each reason.
@@ -42,11 +39,7 @@ class TopicPublishers:
         self._looked: float | None = None
 
     def look(self, *, now: bool = False) -> None:
-        """Ask the graph, unless it was asked within the last five seconds.
-
-        Args:
-            now: Ask in any case, since something is known to have changed.
-        """
+        """Ask the graph, unless it was asked within five seconds and nothing has changed since."""
         at = time.monotonic()
         if not now and self._looked is not None and at - self._looked < LOOK_PERIOD:
             return

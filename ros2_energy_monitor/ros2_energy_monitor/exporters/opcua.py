@@ -29,9 +29,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated, Any
 
 from robot_energy import __version__
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ExporterError
 from robot_energy.foundation.files.regular_file import require_private
 from robot_energy.foundation.units import ENERGY_UNITS
@@ -50,23 +51,18 @@ MEASURED_IN = {
 """One of the unit of a variable in that of the field, and that unit."""
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """One variable.
-
-    Attributes:
-        double: Whether it is a Double; a Float otherwise.
-        number: MeasurementID; None where no public text states one.
-        load: Name of the load outside of the cabinet that it is of; empty for the robot.
-    """
+class Measurement(Described):
+    """One variable."""
 
     origin: str
     name: str
     topic: Topic
     field: str
-    double: bool
-    number: int | None = None
-    load: str = ""
+    double: Annotated[bool, "Whether it is a Double; a Float otherwise."]
+    number: Annotated[int | None, "MeasurementID; None where no public text states one."] = None
+    load: Annotated[
+        str, "Name of the load outside of the cabinet that it is of; empty for the robot."
+    ] = ""
 
     def value(self, message: Any) -> float:
         """Return the value in a message; NaN where the load is not in it."""
@@ -103,12 +99,6 @@ MEASUREMENTS = (
     ),
     *_of(MEASURED, "measured_power", "measured_energy"),
 )
-
-
-def load_measurements(name: str) -> tuple[Measurement, ...]:
-    """Return the measurements of a load outside of the cabinet."""
-    power, _, energy = _of(LOAD, "power", "energy", name)
-    return power, energy
 
 
 def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
@@ -199,7 +189,7 @@ class OpcUaExporter(Exporter):
         power = newest.message(Topic.POWER)
         for name in [] if power is None else [load.name for load in power.auxiliary]:
             if name not in self._loads and len(self._loads) < MAX_LOADS:
-                self._loads[name] = load_measurements(name)
+                self._loads[name] = _of(LOAD, "power", "energy", name)[::2]  # one energy
         wanted = [*MEASUREMENTS, *(one for each in self._loads.values() for one in each)]
         values = {one: data_value(one, newest, now) for one in wanted}
         asyncio.run_coroutine_threadsafe(self._write(values), loop)

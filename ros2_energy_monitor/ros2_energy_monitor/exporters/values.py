@@ -13,8 +13,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
+from typing import Annotated, Any
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import ENERGY_UNITS, SECOND_NS
 from robot_energy.results.base import known
 from robot_energy.timeline.blocks import Phase
@@ -30,23 +31,18 @@ class Topic(Enum):
     REGISTERS = "registers"
 
 
-@dataclass(frozen=True)
-class ExportedValue:
-    """One number.
+class ExportedValue(Described):
+    """One number."""
 
-    Attributes:
-        name: As a key; also the name of the field of the message, less its unit.
-        rises: Whether it never falls but by a reset.
-        size: One of its unit, in that of the field; a division, so that 7.2 MJ are 2 kWh. [-]
-    """
-
-    name: str
+    name: Annotated[str, "As a key; also the name of the field of the message, less its unit."]
     title: str
     topic: Topic
     unit: str
     field: str
-    rises: bool = False
-    size: float = 1.0
+    rises: Annotated[bool, "Whether it never falls but by a reset."] = False
+    size: Annotated[
+        float, "One of its unit, in that of the field; a division, so that 7.2 MJ are 2 kWh. [-]"
+    ] = 1.0
 
 
 def _power(field: str, title: str) -> ExportedValue:
@@ -104,7 +100,7 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
         found["auxiliary"] = [
             {
                 "name": load.name,
-                "state": state_name(load),
+                "state": load.states[load.state] if 0 <= load.state < len(load.states) else None,
                 "power": known(load.power),
                 "remarks": int(load.remarks),
             }
@@ -123,11 +119,6 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
             for load in message.auxiliary[:MAX_JOINTS]
         ]
     return found
-
-
-def state_name(load: Any) -> str | None:
-    """Return the name of the state of a load; None where it is not known."""
-    return load.states[load.state] if 0 <= load.state < len(load.states) else None
 
 
 def stamp_of(stamp: Any) -> float:

@@ -27,14 +27,16 @@ from pydantic import Field
 from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.optional_packages import require
-from ros2_energy_monitor.meters.json_numbers import (
+from ros2_energy_monitor.meters.link import (
+    AnswerBound,
+    Endpoint,
     JsonFlag,
     JsonNumber,
+    MeterLink,
     is_good,
     parse,
     terms_at,
 )
-from ros2_energy_monitor.meters.link import AnswerBound, Endpoint, MeterLink
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange
 

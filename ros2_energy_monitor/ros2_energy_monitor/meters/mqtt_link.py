@@ -22,8 +22,16 @@ from robot_energy.foundation.errors import MeterLinkError, MeterProfileError
 from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
-from ros2_energy_monitor.meters.json_numbers import JsonFlag, JsonNumber, is_good, parse, terms_at
-from ros2_energy_monitor.meters.link import MAX_ANSWER, Endpoint, MeterLink
+from ros2_energy_monitor.meters.link import (
+    MAX_ANSWER,
+    Endpoint,
+    JsonFlag,
+    JsonNumber,
+    MeterLink,
+    is_good,
+    parse,
+    terms_at,
+)
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import Exchange
 

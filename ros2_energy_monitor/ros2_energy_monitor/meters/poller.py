@@ -19,8 +19,9 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import MeterAnswerError, MeterLinkError
 from ros2_energy_monitor.meters.link import MeterLink
 from ros2_energy_monitor.meters.reading import NetworkReading, ReadingFilter
@@ -34,28 +35,25 @@ MAX_REFUSALS = 10  # in a row, after which a meter is connected again
 JOINED = 1.0  # longest wait for the end of the thread, which ends by itself in time [s]
 
 
+@documented
 @dataclass
 class PollerState:
-    """What a poller says of itself. Written by its thread, read by the node.
+    """What a poller says of itself. Written by its thread, read by the node."""
 
-    Attributes:
-        connected: Whether the last attempt to connect succeeded and no loss came since.
-        failures: Losses and failed attempts since the last answer; 0 while all is well.
-        refusals: Answers in a row that held no numbers.
-        errors: Losses and refusals in all, by class of error.
-        last_error: What the last one said; empty before the first.
-        backoff: Time until the next attempt to connect. [s]
-        dropped: Readings lost as the node did not take them.
-    """
-
-    connected: bool = False
+    connected: Annotated[
+        bool, "Whether the last attempt to connect succeeded and no loss came since."
+    ] = False
     connections: int = 0
-    failures: int = 0
-    refusals: int = 0
-    errors: Counter[str] = field(default_factory=lambda: Counter[str]())
-    last_error: str = ""
-    backoff: float = 0.0
-    dropped: int = 0
+    failures: Annotated[
+        int, "Losses and failed attempts since the last answer; 0 while all is well."
+    ] = 0
+    refusals: Annotated[int, "Answers in a row that held no numbers."] = 0
+    errors: Annotated[Counter[str], "Losses and refusals in all, by class of error."] = field(
+        default_factory=lambda: Counter[str]()
+    )
+    last_error: Annotated[str, "What the last one said; empty before the first."] = ""
+    backoff: Annotated[float, "Time until the next attempt to connect. [s]"] = 0.0
+    dropped: Annotated[int, "Readings lost as the node did not take them."] = 0
 
 
 class Poller:

@@ -13,8 +13,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import Enum
+from typing import Annotated
+
+from robot_energy.foundation.described import Described
 
 
 class Quantity(Enum):
@@ -24,50 +26,41 @@ class Quantity(Enum):
     POWER = "power"
 
 
-@dataclass(frozen=True)
-class MeterTerm:
-    """One number of a sum.
+class MeterTerm(Described):
+    """One number of a sum."""
 
-    Attributes:
-        value: NaN if the meter calls it invalid. [W or J]
-        wraps_at: Where the counter starts again from zero; None if it never does. [J]
-        scale: What one count is, where the meter says so with each reading. [J]
-    """
-
-    value: float
-    wraps_at: float | None = None
-    scale: float | None = None
+    value: Annotated[float, "NaN if the meter calls it invalid. [W or J]"]
+    wraps_at: Annotated[
+        float | None, "Where the counter starts again from zero; None if it never does. [J]"
+    ] = None
+    scale: Annotated[
+        float | None, "What one count is, where the meter says so with each reading. [J]"
+    ] = None
 
 
-@dataclass(frozen=True)
-class Exchange:
-    """The numbers of one quantity, read together.
-
-    Attributes:
-        requested: When the first one was asked for, by the steady clock; for a meter that sends
-            by itself, when its message arrived. [s]
-        answered: When the last one arrived, likewise. [s]
-    """
+class Exchange(Described):
+    """The numbers of one quantity, read together."""
 
     quantity: Quantity
     terms: tuple[MeterTerm, ...]
-    requested: float
-    answered: float
+    requested: Annotated[
+        float,
+        "When the first one was asked for, by the steady clock; for a meter that sends by itself, "
+        "when its message arrived. [s]",
+    ]
+    answered: Annotated[float, "When the last one arrived, likewise. [s]"]
 
 
-@dataclass(frozen=True)
-class NetworkReading:
-    """A sum with its time.
-
-    Attributes:
-        value: [W or J]
-        at: Middle between request and answer, by the steady clock: the number was taken
-            somewhere between the two, so the error is at most half of the round trip. [s]
-    """
+class NetworkReading(Described):
+    """A sum with its time."""
 
     quantity: Quantity
-    value: float
-    at: float
+    value: Annotated[float, "[W or J]"]
+    at: Annotated[
+        float,
+        "Middle between request and answer, by the steady clock: the number was taken somewhere "
+        "between the two, so the error is at most half of the round trip. [s]",
+    ]
 
 
 class CounterWrap:

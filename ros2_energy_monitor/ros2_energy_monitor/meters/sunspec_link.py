@@ -22,11 +22,11 @@ import math
 import struct
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MeterAnswerError
 from robot_energy.foundation.units import ENERGY_UNITS
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
@@ -42,20 +42,14 @@ COUNT = 2**32  # where an acc32 starts again from zero
 BROKEN = 1 << 2 | 1 << 7  # of the events: power failure, missing sensor
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """Where a family of models has its points, counted from the register behind its header.
-
-    Attributes:
-        power_scale: Its scale factor; None where numbers are floats.
-        energy_scale: Its scale factor; None where numbers are floats.
-    """
+class _Layout(Described):
+    """Where a family of models has its points, counted from the register behind its header."""
 
     length: int
     power: int
-    power_scale: int | None
+    power_scale: Annotated[int | None, "Its scale factor; None where numbers are floats."]
     energy: int
-    energy_scale: int | None
+    energy_scale: Annotated[int | None, "Its scale factor; None where numbers are floats."]
     events: int
 
 
@@ -101,7 +95,7 @@ class SunSpecLink(MeterLink):
 
     def read(self) -> Sequence[Exchange]:
         """Read energy and power of the meter in one request."""
-        self._registers.begin()
+        self._registers.bound.begin()
         if self._found is None:
             self._found = self._meter(self._base())
         address, layout = self._found

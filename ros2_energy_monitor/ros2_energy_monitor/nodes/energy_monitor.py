@@ -38,7 +38,7 @@ from ros2_energy_monitor.diagnostics.energy import (
     temperature_source,
 )
 from ros2_energy_monitor.diagnostics.model_check import ModelCheck
-from ros2_energy_monitor.services.payload import PayloadService
+from ros2_energy_monitor.services.registers import PayloadService
 from ros2_energy_monitor.services.trajectory_services import ComparisonService, PredictionService
 
 

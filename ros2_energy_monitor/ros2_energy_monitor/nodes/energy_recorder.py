@@ -14,6 +14,7 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,6 +22,7 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
 from robot_energy.foundation.errors import HistoryError, ParameterError
+from robot_energy.inputs.parameters import parameter
 from robot_energy_history.store import MAX_ROBOTS, HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
@@ -36,8 +38,46 @@ from ros2_energy_monitor.diagnostics.reporter import (
     StatusBuilder,
 )
 from ros2_energy_monitor.recorder.alarm_watch import StatusHead, first_name, status_heads
-from ros2_energy_monitor.recorder.parameters import RecorderParameters
 from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderParameters:
+    """Parameters of the energy recorder."""
+
+    folder: str = parameter(
+        "Folder of the history; $ROS_HOME is ~/.ros where it is not set.",
+        "$ROS_HOME/robot_energy/history",
+    )
+    robots: tuple[str, ...] = parameter(
+        "Namespaces of the robots to record; empty records all whose energy/registers is found.",
+        (),
+    )
+    autostart: bool = parameter(
+        "Whether the node configures and activates itself; if not, a life cycle manager does.",
+        True,
+    )
+    keep_minutes: float = parameter("How long minutes are kept [days].", 35.0, (1.0, 4000.0))
+    keep_quarters: float = parameter(
+        "How long quarter hours are kept; 0 for ever, as hours and days are [days].",
+        0.0,
+        (0.0, 4000.0),
+    )
+    min_free: int = parameter(
+        "Free space to leave on the disk; nothing is written while there is less [MB].",
+        200,
+        (0, 1_000_000),
+    )
+    take_period: float = parameter(
+        "Time from one processing of waiting messages to the next [s].", 20.0, (0.1, 30.0)
+    )
+    write_period: float = parameter(
+        "Time from one write to the history to the next [s].", 60.0, (1.0, 900.0)
+    )
+    look_period: float = parameter(
+        "Time from one search for robots and job intervals to the next [s].", 20.0, (1.0, 900.0)
+    )
+
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
 MEGABYTE = 2**20

@@ -35,13 +35,70 @@ from ros2_energy_monitor.base.guard import Guard
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.base.run_node import run
-from ros2_energy_monitor.diagnostics.meter_driver import MeterDriverSource
-from ros2_energy_monitor.diagnostics.reporter import REPORT_PERIOD, Reporter, StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import (
+    ERROR,
+    REPORT_PERIOD,
+    WARN,
+    Reporter,
+    StatusBuilder,
+)
 from ros2_energy_monitor.meters.kinds import MeterDriverParameters, MeterLinkKind, load_profile
 from ros2_energy_monitor.meters.link import Endpoint
 from ros2_energy_monitor.meters.poller import Poller
 from ros2_energy_monitor.meters.profile import MeterProfile
 from ros2_energy_monitor.meters.reading import NetworkReading, Quantity, ReadingFilter
+
+MAX_SILENCE = 3.0  # periods without an accepted reading
+
+
+class MeterDriverSource:
+    """Makes the status of the meter.
+
+    Args:
+        period: Usual time from one reading to the next. [s]
+    """
+
+    def __init__(self, poller: Poller, profile: MeterProfile[Any], period: float) -> None:
+        self._poller, self._profile = poller, profile
+        self._patience = max(MAX_SILENCE * period, 2.0)
+        self._accepted, self._since = 0, time.monotonic()
+        self._refused = 0
+
+    def __call__(self) -> StatusBuilder:
+        """Return the status of now."""
+        state, readings = self._poller.state, self._poller.readings
+        found = StatusBuilder("meter")
+        now = time.monotonic()
+        if readings.accepted != self._accepted:
+            self._accepted, self._since = readings.accepted, now
+        silent = now - self._since
+        refused = readings.rejected.total()
+        found.values |= {
+            "connected": int(state.connected),
+            "connections": state.connections,
+            "accepted": readings.accepted,
+            "round_trip": readings.round_trip,
+            "wraps": readings.wraps,
+            "silent": silent,
+            "dropped": state.dropped,
+            "window": self._profile.window,
+            "lag": self._profile.lag,
+            **{f"rejected.{reason}": n for reason, n in sorted(readings.rejected.items())},
+            **{f"errors.{name}": n for name, n in sorted(state.errors.items())},
+        }
+        if not state.connected and (state.failures or state.refusals):
+            found.add(ERROR, f"no connection, the next attempt follows: {state.last_error}")
+        elif state.refusals:
+            found.add(ERROR, state.last_error)
+        elif silent > self._patience:
+            found.add(
+                WARN, f"no reading for {silent:.0f} s: the meter is silent, or all are refused"
+            )
+        if refused != self._refused:
+            found.add(WARN, f"{refused - self._refused} readings refused since the last report")
+        self._refused = refused
+        return found
+
 
 TICK_PERIOD = 0.05  # [s]
 
@@ -54,7 +111,6 @@ class MeterDriver(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, **options)
         self.guard = Guard(self.NAME, options.get("context"))
-        self.poller: Poller | None = None
         try:
             self.parameters = declare(self, MeterDriverParameters)
             kind, self.profile = load_profile(self.parameters.profile)
@@ -113,8 +169,6 @@ class MeterDriver(Node):
 
     def tick(self) -> None:
         """Publish what the meter has answered since the last tick."""
-        if self.poller is None:
-            return
         readings = self.poller.take()
         now_ns, now = self.get_clock().now().nanoseconds, time.monotonic()
         for reading in readings:
@@ -131,7 +185,7 @@ class MeterDriver(Node):
 
     def destroy_node(self) -> None:
         """Stop to poll and destroy the node."""
-        if self.poller is not None:
+        if hasattr(self, "poller"):
             self.poller.stop()
         super().destroy_node()
 

@@ -59,12 +59,10 @@ LOOKING = 0.05  # s until keys and services are looked at where no message is aw
 
 
 class Player:
-    """Publishes what a bag holds.
+    """Publishes what a bag holds, or a part and topics of it.
 
     Args:
         rate: Times the speed of nature, > 0. [-]
-        topics: Which to play; None for all that can be.
-        part: What of the bag is played; None for all of it.
         clock_rate: How often ``/clock`` is published; 0 for never. [1/s]
 
     Attributes:

@@ -25,7 +25,7 @@ from ros2_energy_monitor.base.publishers import torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
 from ros2_energy_monitor.diagnostics.energy import joint_state_source
-from ros2_energy_monitor.services.payload import PayloadService
+from ros2_energy_monitor.services.registers import PayloadService
 
 
 class TorqueMonitor(MonitorNode[TorqueParameters]):

@@ -24,8 +24,7 @@ from std_msgs.msg import UInt8
 
 from robot_energy_plan.motion import random_program, tool_above
 from robot_energy_rig import RigConfig, VirtualRig, load_profile, random_profile
-from robot_energy_rig.auxiliary import LOADS, LoadPlayer
-from robot_energy_rig.record import RigEncoder, load_messages
+from robot_energy_rig.record import LOADS, LoadPlayer, RigEncoder, load_messages
 from ros2_energy_monitor.base.node_parameters import RobotParameters
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import PacedPublisher, RowPublisher, latched, reliable

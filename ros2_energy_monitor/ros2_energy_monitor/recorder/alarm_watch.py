@@ -13,8 +13,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.shown_text import shown
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy_history.differences import Event
@@ -28,20 +29,14 @@ FRAME_AT = 12  # where the frame of a serialised message begins
 WORDS = ("ok", "warning", "stale", "error")
 
 
+@documented
 class StatusHead(NamedTuple):
-    """What the history needs of a diagnostic status.
+    """What the history needs of a diagnostic status."""
 
-    Attributes:
-        name: Of node and subject.
-        level: As messages have it.
-        message: In words.
-        restarts: Value of that name; empty without one.
-    """
-
-    name: str
-    level: bytes
-    message: str
-    restarts: str = ""
+    name: Annotated[str, "Of node and subject."]
+    level: Annotated[bytes, "As messages have it."]
+    message: Annotated[str, "In words."]
+    restarts: Annotated[str, "Value of that name; empty without one."] = ""
 
 
 def first_name(data: bytes) -> bytes:
@@ -109,27 +104,18 @@ def _statuses(data: bytes) -> Iterator[tuple[bytes, bytes, bytes, bytes]]:
         yield name, level, message, restarts
 
 
+@documented
 @dataclass
 class _Alarm:
-    """How a status stands.
+    """How a status stands."""
 
-    Attributes:
-        noted: Severity of the alarm that was noted; 0 for none.
-        seen: Severity that it has now.
-        since: When it got it, steady time. [s]
-    """
-
-    noted: int = 0
-    seen: int = 0
-    since: float = 0.0
+    noted: Annotated[int, "Severity of the alarm that was noted; 0 for none."] = 0
+    seen: Annotated[int, "Severity that it has now."] = 0
+    since: Annotated[float, "When it got it, steady time. [s]"] = 0.0
 
 
 class AlarmWatch:
-    """Notes alarms of one robot that last, and restarts of its monitors.
-
-    Args:
-        namespace: Of the robot's monitors, with or without slashes.
-    """
+    """Notes alarms of one robot that last, and restarts of its monitors."""
 
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace.strip("/")

@@ -59,11 +59,7 @@ class WhileAsked(CallbackGroup):
 
 
 class RecordedRobot:
-    """One robot whose registers are recorded.
-
-    Args:
-        namespace: Of the robot's monitors, with or without the leading slash.
-    """
+    """One robot whose registers are recorded, by the namespace of its monitors."""
 
     def __init__(self, node: Node, namespace: str, store: HistoryStore) -> None:
         self._node, self._store = node, store
@@ -124,11 +120,7 @@ class RecordedRobot:
             self._store.add_events(self.name, events)
 
     def look_after(self, services: Iterable[str]) -> None:
-        """Take learned friction, ask for the job intervals, and subscribe again what is silent.
-
-        Args:
-            services: Names of all that there are.
-        """
+        """Take learned friction, ask for the job intervals, and subscribe again what is silent."""
         self._take_friction()
         self._inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():

@@ -6,38 +6,45 @@
 # WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied. See the License for the specific
 # language governing permissions and limitations under the License.
 
-"""Services of the registers: reset them, open, close and list intervals."""
+"""Services of the registers, reset them, open, close and list intervals; and of the payload."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 from weakref import proxy
 
 from builtin_interfaces.msg import Time
+from rclpy.node import Node
 from rclpy.service import Service
-from ros2_energy_msgs.msg import EnergyInterval, JointEnergy, LoadEnergy
-from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
+from ros2_energy_msgs.msg import EnergyInterval, JointEnergy, LoadEnergy, Payload
+from ros2_energy_msgs.srv import (
+    CloseInterval,
+    ListIntervals,
+    OpenInterval,
+    ResetRegisters,
+    SetPayload,
+)
 
 from robot_energy.accounting import record
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.foundation.errors import RegisterError
 from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.foundation.units import SECOND_NS
+from robot_energy.messages.payload import PayloadWriter, answer_set_payload
 from robot_energy.messages.registers import interval_fields
 from robot_energy.model import RobotModel
+from robot_energy.pipeline import TorqueStage
 from ros2_energy_monitor.base.checkpoints import Checkpoints
 from ros2_energy_monitor.base.lifecycle import ManagedNode
+from ros2_energy_monitor.base.publishers import RowPublisher, latched
 
 
 class RegisterServices:
     """Answers the services of one energy account; what they change is on disk before they answer.
 
     The thread of the ticks changes the account and goes on; it never waits for the disk.
-
-    Args:
-        take: Counts what has arrived, so that an interval begins and ends when it is asked for.
     """
 
     def __init__(
@@ -143,3 +150,35 @@ class RegisterServices:
 
 def _time(stamp_ns: int) -> Time:
     return Time(sec=stamp_ns // SECOND_NS, nanosec=stamp_ns % SECOND_NS)
+
+
+DEPTH = 100  # changes that a late subscriber gets at most
+
+
+class PayloadService:
+    """Serves ``~/set_payload`` and publishes what is accepted on ``energy/payload``."""
+
+    def __init__(self, node: Node, stage: TorqueStage, model_id: str) -> None:
+        self._node, self._stage = node, stage
+        self._writer = PayloadWriter(model_id)
+        self._publisher: RowPublisher | None = None
+
+    def open(self) -> None:
+        """Create the service and the publisher."""
+        self._publisher = RowPublisher(self._node, Payload, "energy/payload", latched(DEPTH))
+        self._node.create_service(SetPayload, "~/set_payload", self._answer)
+
+    def _answer(
+        self, request: SetPayload.Request, response: SetPayload.Response
+    ) -> SetPayload.Response:
+        answer = answer_set_payload(self._stage.set_payload, cast("Any", request))
+        if answer.change is not None and self._publisher is not None:
+            self._publisher.publish(self._writer.encode(answer.change))
+        log = self._node.get_logger()
+        if answer.success:
+            log.info(f"set_payload: {answer.message}")
+        else:  # rclpy ties one severity to each place of a call
+            log.warning(f"set_payload: {answer.message}")
+        response.success, response.message = answer.success, answer.message
+        response.valid_from.sec, response.valid_from.nanosec = divmod(answer.from_ns, SECOND_NS)
+        return response

@@ -47,11 +47,7 @@ INTERVAL_FIELDS = (
 
 
 class RobotFeed:
-    """Feeds one robot's state.
-
-    Args:
-        namespace: Of the robot's monitors, with or without the leading slash.
-    """
+    """Feeds one robot's state, by the namespace of its monitors."""
 
     def __init__(self, node: Node, namespace: str, state: RobotState) -> None:
         self._node, self.state = node, state

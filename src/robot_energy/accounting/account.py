@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
-from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.accounting.exact_sum import CountMark, ExactSum, SampleCounts, SumMark, greatest
+from robot_energy.accounting.exact_sum import ExactSum, SampleCounts, greatest
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MeterResponse
@@ -34,13 +35,12 @@ from robot_energy.accounting.record import (
 from robot_energy.accounting.registers import (
     CABINET_REGISTERS,
     CLOCK_STEP_NS,
-    Coverage,
     Registers,
     ShaftEnergySums,
 )
 from robot_energy.accounting.totals import Totals
-from robot_energy.certainty.band import EnergyBand
 from robot_energy.certainty.band_calibration import BandCalibration
+from robot_energy.certainty.deviation import EnergyBand
 from robot_energy.foundation.errors import RegisterError
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.timeline.blocks import (
@@ -52,10 +52,9 @@ from robot_energy.timeline.blocks import (
     PowerBlock,
     SupplyBlock,
 )
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
-_Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
@@ -175,33 +174,25 @@ class EnergyAccount:
         return list(zip(found.tolist(), ends.tolist(), strict=True))
 
     def _step(self, block: PowerBlock) -> MeanBlock | None:
-        before: _Counters = (
-            [*map(ExactSum.mark, (self.registers, self.shaft, self.comparison))],
-            self.counts.mark(),
-            self.shaft.compared_ns.copy(),
-            replace(self.registers.time),
-            self.comparison.compared_ns,
-            self.auxiliary.mark() if self.auxiliary is not None else None,
-        )
+        registers, shaft, comparison = self.registers, self.shaft, self.comparison
+        undo = [
+            *map(ExactSum.mark, (registers, shaft, comparison)),
+            *self.counts.mark(),
+            partial(vars(registers).update, time=replace(registers.time)),
+            partial(vars(shaft).update, compared_ns=shaft.compared_ns.copy()),
+            partial(vars(comparison).update, compared_ns=comparison.compared_ns),
+            *(() if self.auxiliary is None else self.auxiliary.mark()),
+        ]
         try:
             means, compared = self._counted(block)
-        except Exception:
-            self._take_back(before)
+        except Exception:  # all counters stand as before; the time until the next sample is a gap
+            for each in undo:
+                each()
+            self.interrupt()
             raise
         if self.on_compared is not None and compared is not None:
             self.on_compared(compared)
         return means
-
-    def _take_back(self, counters: _Counters) -> None:
-        """Let all counters stand as before; the time until the next sample is a gap."""
-        sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
-        self.registers.time = time
-        for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
-            each.go_back(mark)
-        self.counts.go_back(counts)
-        if self.auxiliary is not None and loads is not None:
-            self.auxiliary.go_back(loads)
-        self.interrupt()
 
     def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
         """Count a block; return the means and what was compared, None if all was counted before."""
@@ -241,7 +232,7 @@ class EnergyAccount:
             oldest = now - self.comparison.patience_ns
             while not oldest <= int(self._unplaced[0].stamp_ns[-1]) <= now:
                 self._unplaced.popleft()
-            return Compared.empty()
+            return NO_INTERVALS
         supply: SupplyBlock = block
         if self._unplaced:
             supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
@@ -280,10 +271,7 @@ class EnergyAccount:
     def precede(self, record: AccountRecord) -> None:
         """Put a record before what was counted since: nothing of either is lost.
 
-        For state files that can be read only some time after the start.
-
-        Args:
-            record: Ends no later than this account begins; same joints in the same order.
+        For state files that can be read only some time after the start, of the same joints.
         """
         carry_into(self, record)
         self.restarts += 1
@@ -331,19 +319,11 @@ class EnergyAccount:
             self.auxiliary.reset()
 
     def open_interval(self, name: str) -> EnergyInterval:
-        """Return a job interval that begins at the newest counted sample.
-
-        Args:
-            name: Unique among the open intervals, 1 to 100 printable characters.
-        """
+        """Return a job interval of a name that is not open, from the newest counted sample on."""
         return self.intervals.open(name, self.end_ns, self.totals())
 
     def close_interval(self, name: str = "", interval_id: int = 0) -> EnergyInterval:
-        """Return a job interval, ended at the newest counted sample.
-
-        Args:
-            interval_id: Its number; 0 for none.
-        """
+        """Return a job interval, by number or name, ended at the newest counted sample."""
         return self.intervals.close(name, interval_id, self.end_ns or 0, self.totals())
 
     def list_intervals(self) -> list[EnergyInterval]:

@@ -30,11 +30,7 @@ _ORDER = (*CABINET_REGISTERS, *JOINT_REGISTERS, *CABINET_DEVIATION_KEYS, *JOINT_
 
 
 def totals_of(account: EnergyAccount, loads: AuxiliaryAccount | None) -> Totals:
-    """Return all counters of an account as they stand.
-
-    Args:
-        loads: Account of the auxiliary loads, as it stands or flushed; None without loads.
-    """
+    """Return all counters of an account as they stand."""
     time, comparison = account.registers.time, account.comparison
     cabinet, joints = _by_name(account.registers.microjoule, account.shaft.microjoule)
     return Totals(
@@ -100,11 +96,7 @@ def record_of(account: EnergyAccount, identity: Identity) -> AccountRecord:
 
 
 def carry_into(account: EnergyAccount, record: AccountRecord) -> None:
-    """Put what a record has counted before what an account has counted.
-
-    Args:
-        account: The account; empty, or begun no earlier than the record ends.
-    """
+    """Put what a record has counted before what an account has counted."""
     registers, totals, rest = account.registers, record.totals, record.remainders
     empty = registers.time.end_ns is None
     registers.time.precede(

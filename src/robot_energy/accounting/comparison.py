@@ -10,9 +10,10 @@ delay and a low pass shows (`robot_energy.accounting.meter_response`); energies 
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite
+from typing import Annotated
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics import kernels
 from robot_energy.timeline.blocks import (
@@ -31,7 +33,13 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     differences,
 )
-from robot_energy.timeline.pieces import Compared, CoveredPieces, NewestMinute
+from robot_energy.timeline.pieces import (
+    NO_INTERVALS,
+    NO_PIECES,
+    Compared,
+    CoveredPieces,
+    NewestMinute,
+)
 
 MAX_PIECES = 1_000_000
 MAX_BEGINNING = 2  # readings of a first epoch that may have been none
@@ -42,35 +50,29 @@ ALONE_READINGS = 3  # of the meter that must have come meanwhile
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
 
 
-@dataclass(frozen=True)
-class Idle:
-    """A stretch in which power was predicted and nothing could be compared.
+class Idle(Described):
+    """A stretch in which power was predicted and nothing could be compared."""
 
-    Attributes:
-        since_ns: Predicted stamp at which it began. [ns]
-        ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
-    """
-
-    since_ns: int
+    since_ns: Annotated[int, "Predicted stamp at which it began. [ns]"]
     until_ns: int
     readings: int
     gaps: int
-    ahead_ns: int | None
+    ahead_ns: Annotated[
+        int | None, "Newest reading minus newest predicted stamp; None without a reading. [ns]"
+    ]
 
 
 @dataclass
 class _Epoch:
-    """Both curves of one epoch, as far as they are not compared.
-
-    Attributes:
-        newest_ns: Newest reading of the meter; None before the first. [ns]
-    """
+    """Both curves of one epoch, as far as they are not compared."""
 
     shown: ShownPower
-    predicted: CoveredPieces = field(default_factory=CoveredPieces.empty)
-    measured: CoveredPieces = field(default_factory=CoveredPieces.empty)
+    predicted: CoveredPieces = NO_PIECES
+    measured: CoveredPieces = NO_PIECES
     done_ns: int | None = None
-    newest_ns: int | None = None
+    newest_ns: Annotated[int | None, "Newest reading of the meter; None before the first. [ns]"] = (
+        None
+    )
 
 
 class Comparison(ExactSum):
@@ -155,13 +157,14 @@ class Comparison(ExactSum):
                 self._beginning &= self.curve.left[number - 1] <= MAX_BEGINNING
                 if self._beginning:  # the first stamps were wrong
                     first = self._epochs[self._measured_epoch]
-                    first.measured, first.newest_ns = CoveredPieces.empty(), None
+                    first.measured, first.newest_ns = NO_PIECES, None
                 else:
                     self._measured_epoch += 1
             if self._measured_epoch - self._predicted_epoch >= MAX_EPOCHS:
                 self._adopt()
             epoch = self._epochs[self._measured_epoch]
-            epoch.measured = epoch.measured.join(part)[slice(-MAX_PIECES, None)]
+            whole = CoveredPieces.concatenate([epoch.measured, part])
+            epoch.measured = whole[slice(-MAX_PIECES, None)]
             if len(part):
                 epoch.newest_ns = int(part.end_ns[-1])
 
@@ -273,32 +276,37 @@ class Comparison(ExactSum):
         if not keep.all():
             pieces = pieces[keep]
         epoch = self._epochs[self._predicted_epoch]
-        epoch.predicted = epoch.predicted.join(pieces)
+        epoch.predicted = CoveredPieces.concatenate([epoch.predicted, pieces])
         if self.meaning is not MeterMeaning.CUMULATIVE:
-            epoch.shown.take(stamp_ns, power, begins)
+            epoch.shown.waiting.append((stamp_ns, power, begins))
 
     def _advance(self) -> Compared:
         epoch = self._epochs[self._predicted_epoch]
         predicted, measured = epoch.predicted, epoch.measured
-        result = Compared.empty()
+        result, end_ns = NO_INTERVALS, None
         if len(predicted) and len(measured):
             until = int(min(predicted.end_ns[-1], measured.end_ns[-1]))
             start = int(max(predicted.stamp_ns[0], measured.stamp_ns[0]))
             start = start if epoch.done_ns is None else max(start, epoch.done_ns)
             if until > start:
                 result, end_ns = self._integrate(predicted, measured, start, until)
-                if self.meaning is not MeterMeaning.CUMULATIVE:  # as the meter shows it
-                    if self._stated is None:
-                        self.lag.take(result)
-                    self._follow(epoch.shown)
-                    energy = epoch.shown.energy(result.drawn, end_ns - result.duration_ns, end_ns)
-                    result = replace(result, predicted=energy)
-                self.minute.take(result)
                 epoch.done_ns = until
                 epoch.measured = measured.after(until)
                 epoch.predicted = predicted = predicted.after(until)
-        if not len(result):
-            self._follow(epoch.shown)
+        shows = self.meaning is not MeterMeaning.CUMULATIVE
+        if self._stated is not None:
+            epoch.shown.follow([], [self._stated.time_constant])
+        else:
+            if shows and len(result):
+                self.lag.take(result)
+            epoch.shown.follow(self.lag.since_ns, self.lag.lags)
+            if self.lag.since_ns and self._last is not None:
+                self.lag.forget(self._last[0])
+        if end_ns is not None:
+            if shows:
+                energy = epoch.shown.energy(result.drawn, end_ns - result.duration_ns, end_ns)
+                result = replace(result, predicted=energy)
+            self.minute.take(result)
         if len(predicted):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
@@ -307,14 +315,6 @@ class Comparison(ExactSum):
         elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
             epoch.shown.forget(self._last[0])
         return result
-
-    def _follow(self, shown: ShownPower) -> None:
-        if self._stated is None:
-            shown.follow(self.lag.since_ns, self.lag.lags)
-            if self._last is not None:
-                self.lag.forget(self._last[0])
-        else:
-            shown.follow([], [self._stated.time_constant])
 
     def _integrate(
         self, predicted: CoveredPieces, measured: CoveredPieces, start: int, until: int

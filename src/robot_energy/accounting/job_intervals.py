@@ -23,23 +23,16 @@ class JobIntervals:
 
     An interval is the difference of two totals, so adjacent ones add up to the
     microjoule. Its bounds are stamps of counted samples.
-
-    Attributes:
-        open_entries: Those that are open, by their numbers.
     """
 
     def __init__(self) -> None:
         self.next_id = 1
-        self.open_entries: dict[int, OpenInterval] = {}
+        self.open_entries: dict[int, OpenInterval] = {}  # those that are open, by their numbers
         self._peaks: dict[int, float] = {}
         self._closed: deque[EnergyInterval] = deque(maxlen=MAX_CLOSED)
 
     def open(self, name: str, stamp_ns: int | None, totals: Totals) -> EnergyInterval:
-        """Return a new interval that begins at the newest counted sample.
-
-        Args:
-            name: Unique among the open ones, 1 to 100 printable characters.
-        """
+        """Return a new interval of a name that is not open, from the newest counted sample on."""
         require_plain_text("an interval name", name, MAX_NAME, RegisterError)
         if any(entry.name == name for entry in self.open_entries.values()):
             raise RegisterError(
@@ -65,11 +58,7 @@ class JobIntervals:
         return self._report(entry, stamp_ns, totals, is_open=True)
 
     def close(self, name: str, interval_id: int, stamp_ns: int, totals: Totals) -> EnergyInterval:
-        """Return what an interval counted that ends at the newest counted sample.
-
-        Args:
-            name: Its name; used where the number is 0.
-        """
+        """Return what an interval counted up to now; its name is used where the number is 0."""
         found = [
             entry
             for entry in self.open_entries.values()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
 PATIENCE_NS = 60_000_000_000  # for a meter that has not reported yet
 STATE_WAIT_NS = 1_000_000_000  # for a state that was set but has not arrived
@@ -39,9 +39,6 @@ class LoadCurve:
         planned: Whether to go by states alone, as for a prediction.
         stale_after: Silence of its states after which that of the model file is in force; 0:
             a state holds until the next one. [s]
-
-    Attributes:
-        bad_states: Numbers that arrived and are those of no state.
     """
 
     def __init__(
@@ -56,10 +53,10 @@ class LoadCurve:
         self.metered = load.metered and not planned
         self.switched = len(load.states) > 1
         self.curve = MeterCurve(limits.max_gap, limits.max_power, limits.wraps_at)
-        self.bad_states = 0
+        self.bad_states = 0  # numbers that arrived and are those of no state
         self._max_power, self._stale_ns = limits.max_power, round(stale_after / NANOSECOND)
         self._power = np.array([figure.value for figure in load.states.values()] + [np.nan])
-        self._pieces = CoveredPieces.empty()
+        self._pieces = NO_PIECES
         self._refused_ns: Int = np.empty(0, dtype=np.int64)
         known = load.initial is not None
         self._first = load.state_names.index(load.initial) if load.initial else UNKNOWN
@@ -73,7 +70,7 @@ class LoadCurve:
     def measure(self, block: MeterBlock) -> None:
         """Take readings of the meter."""
         first, *later = self.curve.step(block)
-        pieces = later[-1] if later else self._pieces.join(first)
+        pieces = later[-1] if later else CoveredPieces.concatenate([self._pieces, first])
         self._pieces = pieces[slice(-MAX_KEPT, None)]
         counts = block.meaning is MeterMeaning.CUMULATIVE
         value = (

@@ -20,11 +20,7 @@ REFUSED_SHARE = 0.1  # of readings beyond the greatest power that is worth a sen
 
 
 class MeterDiagnostics:
-    """Says what is wrong with the meter.
-
-    Args:
-        unit: Unit the meter was said to use; empty for W or J.
-    """
+    """Says what is wrong with the meter; an empty unit is W or J."""
 
     def __init__(self, unit: str = "") -> None:
         self._unit = unit

@@ -12,11 +12,7 @@ MAX_TEXT = 500  # characters of an entry of the trace
 
 
 def require_plain_text(what: str, text: str, limit: int, error: type[RobotEnergyError]) -> str:
-    """Return a text that can be kept, published and logged as it is.
-
-    Args:
-        what: What it is, for the refusal, such as "an interval name".
-    """
+    """Return a text that can be kept, published and logged as it is."""
     if not text.strip() or len(text) > limit:
         raise error(f"{what} of {len(text)} characters", f"1 to {limit}, not all blank")
     if not text.isprintable():

@@ -6,6 +6,7 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from struct import Struct
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,15 +33,11 @@ class Messages:
 
 @dataclass(slots=True)
 class McapChunk:
-    """A block of records that was looked through.
-
-    Attributes:
-        end: First byte after the last whole record that belongs here.
-    """
+    """A block of records that was looked through."""
 
     buffer: NDArray[np.uint8]
     messages: dict[int, Messages] = field(default_factory=dict[int, Messages])
-    end: int = 0
+    end: Annotated[int, "First byte after the last whole record that belongs here."] = 0
     count: int = 0
     verified: bool = False
 

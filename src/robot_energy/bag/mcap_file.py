@@ -312,12 +312,8 @@ class McapFile:
         except RecordError as error:
             self._report(f"the chunk at byte {pos} was left out: it holds {error}")
             return None
-        block = self._walk_chunk(memoryview(content), pos)
-        block.verified = chunk.crc != 0
-        return block
-
-    def _walk_chunk(self, content: memoryview, pos: int) -> McapChunk:
         block = walked_block(content, self._on_record)
+        block.verified = chunk.crc != 0
         if block.end < len(content):
             self._report(
                 f"the chunk at byte {pos} holds an unreadable record after {block.count} messages; "

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from struct import Struct, unpack_from
 from struct import error as struct_error
-from typing import Any, BinaryIO, cast
+from typing import Annotated, Any, BinaryIO, cast
 
 MAGIC = b"\x89MCAP0\r\n"
 HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, CHUNK_INDEX = range(1, 9)
@@ -16,13 +16,10 @@ METADATA_INDEX, SUMMARY_OFFSET = 0x0D, 0x0E
 DATA_END = 0x0F
 FIRST_PRIVATE = 0x80
 
-FRAME = Struct("<BQ")
-"""Start of every record: opcode, length of the rest."""
+FRAME = Struct("<BQ")  # start of every record: opcode, length of the rest
 FOOTER_SIZE = FRAME.size + 20
-MESSAGE_FIXED = 22
-"""Bytes of a Message record before its message, without the frame."""
-MAX_RECORD_BYTES = 64 * 2**20
-"""Largest record, and largest unpacked chunk, that is read. [bytes]"""
+MESSAGE_FIXED = 22  # bytes of a Message record before its message, without the frame
+MAX_RECORD_BYTES = 64 * 2**20  # largest record, and largest unpacked chunk, that is read [bytes]
 
 
 class RecordError(Exception):
@@ -58,8 +55,7 @@ class Chunk:
     data: memoryview
 
 
-LogTimes = tuple[int, int]
-"""First and last log time of a stretch, both included. [ns]"""
+LogTimes = tuple[int, int]  # first and last log time of a stretch, both included [ns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,11 +157,7 @@ def parse_statistics(data: memoryview) -> Statistics:
 
 
 def ros_type(name: str) -> str:
-    """Return a message type with its ``msg`` part, which some writers leave out.
-
-    Args:
-        name: Such as ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``.
-    """
+    """Return a message type with its ``msg`` part, which some writers leave out."""
     parts = name.split("/")
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 
@@ -212,8 +204,7 @@ def _unpack_lz4(chunk: Chunk) -> bytes:
         raise RecordError(f"damaged lz4 data ({error})") from None
 
 
-MAX_CHUNKS = 500_000
-"""Chunks that a summary may list: some 400 GB as rosbag2 writes them."""
+MAX_CHUNKS = 500_000  # chunks that a summary may list: some 400 GB as rosbag2 writes them
 IN_SUMMARY = {
     SCHEMA, CHANNEL, CHUNK_INDEX, STATISTICS,
     ATTACHMENT_INDEX, METADATA_INDEX, SUMMARY_OFFSET,
@@ -247,17 +238,15 @@ class Summary:
 
 @dataclass(slots=True)
 class Closing:
-    """The end of a file.
+    """The end of a file."""
 
-    Attributes:
-        footer: First byte of the closing record; None if there is none.
-        data_end: First byte after the data; None if the file does not say.
-        summary: The summary; None if there is none or it cannot be used.
-    """
-
-    footer: int | None = None
-    data_end: int | None = None
-    summary: Summary | None = None
+    footer: Annotated[int | None, "First byte of the closing record; None if there is none."] = None
+    data_end: Annotated[int | None, "First byte after the data; None if the file does not say."] = (
+        None
+    )
+    summary: Annotated[
+        Summary | None, "The summary; None if there is none or it cannot be used."
+    ] = None
 
 
 def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Closing:

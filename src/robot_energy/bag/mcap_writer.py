@@ -58,12 +58,7 @@ def framed(channel: int, time_ns: Int, rows: NDArray[np.uint8]) -> NDArray[np.ui
 
 
 class McapWriter:
-    """Writes one file in chunks of about `CHUNK_SIZE`, each with its index.
-
-    Args:
-        file: Open, empty.
-        library: What the header says of the writer.
-    """
+    """Writes one empty file in chunks of about `CHUNK_SIZE`, each with its index."""
 
     def __init__(self, file: BinaryIO, compressed: bool, library: str) -> None:
         from mcap.data_stream import RecordBuilder

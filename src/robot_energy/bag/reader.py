@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
 from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_file
 from robot_energy.bag.sources import BagContents, TopicInfo
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, MissingTopicError
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
@@ -26,17 +26,14 @@ if TYPE_CHECKING:
     from robot_energy.bag.cdr.lazy_store import LazyStore
 
 
-@dataclass(frozen=True)
-class TimeRange:
-    """From where to where a bag is read.
+class TimeRange(Described):
+    """From where to where a bag is read."""
 
-    Attributes:
-        start: After the first message; negative: before the last one; None: from the first. [s]
-        end: Likewise; None: to the last. [s]
-    """
-
-    start: float | None = None
-    end: float | None = None
+    start: Annotated[
+        float | None,
+        "After the first message; negative: before the last one; None: from the first. [s]",
+    ] = None
+    end: Annotated[float | None, "Likewise; None: to the last. [s]"] = None
 
     def __bool__(self) -> bool:
         """Return whether anything is left out."""
@@ -77,8 +74,7 @@ class TimeRange:
 MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""
 
-MAX_PROBLEMS = 100
-"""Sentences about what is wrong that are kept."""
+MAX_PROBLEMS = 100  # sentences about what is wrong that are kept
 _COMPARED = 2**16
 _BY_HAND = "save the values as CSV, and import that with `robot-energy import table`"
 CONVERSIONS = {
@@ -91,13 +87,10 @@ CONVERSIONS = {
 
 
 class BagReader:
-    """Reads one bag.
+    """Reads one bag: an MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
 
     Damage found on the way does not raise: what is whole is delivered, and ``problems`` says what
     was not.
-
-    Args:
-        path: An MCAP file, or a rosbag2 folder with MCAP or sqlite3 files.
 
     Attributes:
         start_ns: Earliest log time; None if unknown or the bag is empty. [ns]
@@ -181,12 +174,14 @@ class BagReader:
         Args:
             spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
         """
-        wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
-        return self._parts(wanted, spans or {})
-
-    def _parts(
-        self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
-    ) -> Iterator[dict[str, RawBatch]]:
+        wanted: dict[str, str] = {}
+        for name in topics:
+            if name not in self.topics:
+                raise MissingTopicError(
+                    f"{self.path} has no {name}", f"one of {', '.join(self.topics) or 'none'}"
+                )
+            wanted[name] = self.require(name, self.topics[name].msgtype).msgtype
+        spans = spans or {}
         if not self._scattered or len(wanted) < 2:
             return self._in_file_order(wanted, spans)
         if not all(rises(self._one(topic, kind, spans)) for topic, kind in wanted.items()):
@@ -208,14 +203,6 @@ class BagReader:
                 }
                 if within:
                     yield within
-
-    def _readable(self, topic: str) -> TopicInfo:
-        info = self.topics.get(topic)
-        if info is None:
-            raise MissingTopicError(
-                f"{self.path} has no {topic}", f"one of {', '.join(self.topics) or 'none'}"
-            )
-        return self.require(topic, info.msgtype)
 
     def _report(self, sentence: str) -> None:
         if len(self.problems) <= MAX_PROBLEMS and sentence not in self.problems:
@@ -342,11 +329,7 @@ def rises(batches: Iterable[RawBatch]) -> bool:
 
 
 def merged(topics: Sequence[Iterator[RawBatch]]) -> Iterator[dict[str, RawBatch]]:
-    """Yield the messages of several topics, none ahead of another by more than a batch.
-
-    Args:
-        topics: The messages of each, whose log times rise.
-    """
+    """Yield messages of topics whose log times rise, none ahead of another by more than a batch."""
     held: list[RawBatch | None] = [next(topic, None) for topic in topics]
     while ends := [int(batch.log_time_ns[-1]) for batch in held if batch is not None]:
         until = min(ends)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.mcap_block import McapChunk, Messages
@@ -26,17 +26,11 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Attributes:
-        msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        message_count: Number of messages; None if the bag does not say.
-        encoding: How messages are serialized; only ``cdr`` can be read.
-    """
-
-    msgtype: str
-    message_count: int | None
-    encoding: str = "cdr"
+    msgtype: Annotated[str, "Message type, such as ``sensor_msgs/msg/JointState``."]
+    message_count: Annotated[int | None, "Number of messages; None if the bag does not say."]
+    encoding: Annotated[str, "How messages are serialized; only ``cdr`` can be read."] = "cdr"
 
 
 @dataclass(slots=True)
@@ -147,11 +141,7 @@ class McapSource:
     def parts(
         self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
     ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, a chunk at a time and a batch a topic.
-
-        Args:
-            spans: Log times that matter, by topic; chunks outside are passed over. [ns]
-        """
+        """Yield the messages of some topics, a chunk at a time, within log times [ns] by topic."""
         for block in self._file.blocks(topics, spans):
             part = self._part(block, topics)
             if part:
@@ -191,7 +181,9 @@ class McapSource:
         ends = times[:: max(len(times) - 1, 1)]
         if bool((times[1:] >= times[:-1]).all()) and bool(valid_stamps(ends).all()):
             return batch
-        logged = _as_logged(times)
+        valid = valid_stamps(times)  # else by that of the message before it in the file
+        row = np.maximum.accumulate(np.where(valid, np.arange(len(times)), -1))
+        logged = np.where(row < 0, 0, times[row])
         steps = np.diff(logged)
         if not (steps < 0).any():
             return batch
@@ -207,13 +199,6 @@ def broken_times(topic: str) -> str:
         f"the log times of {topic} jump back and forth, so they were not used to sort its "
         "messages; do not date anything by them"
     )
-
-
-def _as_logged(times: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Log times to sort by: where one is not a stamp, that of the message before it in the file."""
-    valid = valid_stamps(times)
-    row = np.maximum.accumulate(np.where(valid, np.arange(len(times)), -1))
-    return np.where(row < 0, 0, times[row])
 
 
 def _in_file_order(topic: str, msgtype: str, block: McapChunk, streams: list[Messages]) -> RawBatch:

@@ -148,12 +148,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         )
 
     def write_in_order(self, messages: Iterable[tuple[int, str, bytes]]) -> None:
-        """Append messages of several topics, one after the other.
-
-        Args:
-            messages: Log time, not negative [ns]; topic that was added; complete serialized
-                message.
-        """
+        """Append messages in this order: log time, not negative [ns]; topic; serialized message."""
         rest = iter(messages)
         while some := list(islice(rest, TOGETHER)):
             topics = list(dict.fromkeys(topic for _, topic, _ in some))

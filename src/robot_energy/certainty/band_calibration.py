@@ -17,6 +17,7 @@ All is causal and all sums are integers, so the cutting of the input makes no di
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -26,7 +27,7 @@ from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import HeldEnergies
-from robot_energy.certainty.band import (
+from robot_energy.certainty.deviation import (
     BUS,
     LOSS_GRID,
     TEMPERATURE,
@@ -130,12 +131,12 @@ class BandCalibration:
         self._last_ns = int(stamp[-1])
         jumps = (differences(stamp, before) < 0).nonzero()[0].tolist()
         bounds = [0, *jumps, len(block)]
-        pieces = _between_falls(compared.stamp_ns, len(jumps))
-        periods = _between_falls(
-            np.empty(0, dtype=np.int64) if means is None else means.stamp_ns, len(jumps)
-        )
-        begun = np.array([open_ns]) if held is None else np.append(held.stamp_ns, open_ns)
-        noted = _between_falls(begun, len(jumps))
+        pieces = periods = noted = [slice(None)]
+        if jumps:
+            ended = np.empty(0, dtype=np.int64) if means is None else means.stamp_ns
+            begun = np.array([open_ns]) if held is None else np.append(held.stamp_ns, open_ns)
+            cut = partial(_between_falls, falls=len(jumps))
+            pieces, periods, noted = map(cut, (compared.stamp_ns, ended, begun))
         for number, (start, stop) in enumerate(pairwise(bounds)):
             if number:
                 self.interrupt()
@@ -223,8 +224,7 @@ class BandCalibration:
         score = np.where(sound, scores(error, rest, temperature), np.nan)
         keep = int(np.searchsorted(self._slot, (int(end[-1]) - 2 * READING_NS) // SLOT_NS))
         self._slot, self._slots = self._slot[keep:], self._slots[keep:]
-        columns = (each.tolist() for each in (counts, phase, score))
-        return [_Scored(*each) for each in zip(*columns, strict=True)]
+        return [*map(_Scored, counts.tolist(), phase.tolist(), score.tolist())]
 
     def _score_stretch(self, row: list[int], power: float) -> None:
         end_ns, duration_ns, measured, _, predicted = row
@@ -326,8 +326,6 @@ class BandCalibration:
 
 def _between_falls(stamp_ns: Int, falls: int) -> list[slice]:
     """Cut rows where their stamps fall, into one part more than `falls`; the last has the rest."""
-    if not falls:
-        return [slice(0, len(stamp_ns))]
     places = np.flatnonzero(np.diff(stamp_ns) < 0)[:falls] + 1
     edges = [0, *places.tolist()]
     edges += [len(stamp_ns)] * (falls + 2 - len(edges))

@@ -29,7 +29,7 @@ from collections import deque
 
 import numpy as np
 
-from robot_energy.certainty.band import (
+from robot_energy.certainty.deviation import (
     FORM,
     LOSS_GRID,
     TEMPERATURE,

@@ -56,7 +56,9 @@ class FigureDeviations:
         loss_grid: Of that on the grid side. [W]
         at_rest: What the form of the losses that flow all the time leaves out. [W]
         returned: Share of the energy fed back that the grid gets. [-]
+        fan: Of the cabinet; None without one.
         friction: The friction itself.
+        exponent_std: Of the viscous exponents, shape (n,); None without any. [-]
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -87,12 +89,12 @@ class FigureDeviations:
         cabinet = model.cabinet
         self.loss_dc = figure_std(cabinet.loss_dc, "loss_dc")
         self.loss_grid = figure_std(cabinet.loss_grid, "loss_grid")
-        self._fan = cabinet.fan
+        self.fan = cabinet.fan
         self.at_rest = FORM_AT_REST * model.constant_power()
         efficiency = cabinet.regeneration_efficiency
         self.returned = 0.0 if efficiency is None else efficiency.value
         self.friction = FrictionModel.from_model(model)
-        self._exponent_velocity, self._exponent_std = _exponents(model)
+        self._exponent_velocity, self.exponent_std = _exponents(model)
 
     def grid_side(self, fan_power: Float | float) -> Float | float:
         """Return the deviation of the loss on the grid side, shape () or (N,). [W]
@@ -102,7 +104,7 @@ class FigureDeviations:
         Args:
             fan_power: That is to be expected, ``p P_fan``, shape (N,). [W]
         """
-        fan = self._fan
+        fan = self.fan
         if fan is None or fan.power.value == 0.0:
             return self.loss_grid
         share = fan_power / fan.power.value
@@ -110,37 +112,36 @@ class FigureDeviations:
         known = (share * figure_std(fan.power, "loss_grid")) ** 2
         return np.sqrt(self.loss_grid**2 + switched + known)
 
-    def by_exponent(self, motor_velocity: Float) -> tuple[Float, Float] | None:
-        """Return what viscous exponents do to deviations; None without any.
+    def by_exponent(self, motor_velocity: Float, std: Float) -> tuple[Float, Float]:
+        """Return what viscous exponents do to deviations.
 
         Args:
             motor_velocity: w, 0 where the axis stands, shape (N, n). [rad/s]
+            std: Their deviations `exponent_std`, shape (n,). [-]
 
         Returns:
             What friction grows by over w, ``|w / wq|^(q - 1)`` [-]; what the error of the exponent
             adds to the power of a viscous coefficient of 1 [rad^2/s^2]; shape (N, n) each.
         """
-        if self._exponent_std is None:
-            return None
         speed = np.abs(motor_velocity)
         moving = np.where(speed > 0.0, speed, 1.0)
         lever = np.abs(self.friction.viscous_velocity(motor_velocity)) / moving
         turning = np.where(speed > 0.0, speed / self._exponent_velocity, 1.0)
-        return lever, self._exponent_std * lever * speed**2 * np.log(turning)
+        return lever, std * lever * speed**2 * np.log(turning)
 
-    def known_together(self, speed: Float, motor_torque: Float, viscous: Float) -> Float | None:
-        """Return the columns of what the covariance holds, shape (N, 1 + 4 n); None without one.
 
-        Args:
-            speed: Without sign, 0 where the axis stands, shape (N, n). [rad/s]
-            motor_torque: That heats the windings, shape (N, n). [N m]
-            viscous: Deviation of the viscous friction of each joint for itself, times the square
-                of the speed, shape (N, n). [W]
-        """
-        if self.together is None:
-            return None
-        of_dc = np.ones((len(speed), 1))
-        return np.hstack([of_dc, motor_torque**2, speed, speed**2, viscous]) @ self.together
+def known_together(factor: Float, speed: Float, motor_torque: Float, viscous: Float) -> Float:
+    """Return the columns of what the covariance holds, shape (N, 1 + 4 n).
+
+    Args:
+        factor: L, see `FigureDeviations.together`, shape (1 + 4 n, 1 + 4 n). [-]
+        speed: Without sign, 0 where the axis stands, shape (N, n). [rad/s]
+        motor_torque: That heats the windings, shape (N, n). [N m]
+        viscous: Deviation of the viscous friction of each joint for itself, times the square
+            of the speed, shape (N, n). [W]
+    """
+    of_dc = np.ones((len(speed), 1))
+    return np.hstack([of_dc, motor_torque**2, speed, speed**2, viscous]) @ factor
 
 
 def known_apart(model: RobotModel) -> tuple[RobotModel, Float | None]:

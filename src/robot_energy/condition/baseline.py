@@ -8,19 +8,21 @@ its residual says how large the scatter is. Both sums stay as small after years.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.buckets import SPEED_BUCKETS
-from robot_energy.condition.programs import OWN, columns
-from robot_energy.condition.record import ContrastEntry, filled, flat
+from robot_energy.condition.joint_friction import SPEED_BUCKETS
+from robot_energy.condition.record import ContrastEntry, filled
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
+    OWN,
     RECORD_TIME,
     WearRecord,
+    columns,
 )
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 # Standard deviations of the coefficients, before any record.
@@ -48,19 +50,12 @@ PRIOR_CONTRASTS = 6.0  # weight of the stated scatter against that of the contra
 MIN_SHARE, MAX_SHARE = 0.01, 100.0  # of the stated variance
 
 
-@dataclass(frozen=True)
-class Baseline:
-    """What is known of the baseline.
+class Baseline(Described):
+    """What is known of the baseline."""
 
-    Attributes:
-        mean: Coefficients, shape (m,). [-]
-        covariance: Of these, shape (m, m). [-]
-        scatter: Variance of a record, in units of `scatter`. [-]
-    """
-
-    mean: Float
-    covariance: Float
-    scatter: float
+    mean: Annotated[Float, "Coefficients, shape (m,). [-]"]
+    covariance: Annotated[Float, "Of these, shape (m, m). [-]"]
+    scatter: Annotated[float, "Variance of a record, in units of `scatter`. [-]"]
 
 
 class Contrasts:
@@ -131,11 +126,8 @@ class Contrasts:
         with the length, a payload does not until it changes, so pairs of several lengths
         separate the two: least squares over the lengths, errors in proportion to what is expected.
         """
-        if self._payload is None:
-            self._payload = self._fitted_payload()
-        return self._payload
-
-    def _fitted_payload(self) -> float:
+        if self._payload is not None:
+            return self._payload
         found = np.array([1.0, PAYLOAD**2])
         weight, square, own, share = self.levels.T
         rows = np.stack([own, share])
@@ -146,7 +138,8 @@ class Contrasts:
             inner = (rows * gain) @ rows.T + np.diag(prior)
             outer = (rows * gain) @ square + prior * [1.0, PAYLOAD**2]
             found = _not_negative(inner, outer)
-        return max(float(found[1]), MIN_PAYLOAD**2 if self.programs else 0.0)
+        self._payload = max(float(found[1]), MIN_PAYLOAD**2 if self.programs else 0.0)
+        return self._payload
 
     def _learn_payload(
         self, before: WearRecord, after: WearRecord, apart: Float, share: float
@@ -165,11 +158,7 @@ class Contrasts:
         self._payload = None
 
     def forget(self, number: int) -> Float:
-        """Return coefficients of a program, shape (OWN,), and forget them, not the others. [-]
-
-        Args:
-            number: Of the program, from 1.
-        """
+        """Return coefficients of a program, from 1, shape (OWN,), and forget them. [-]"""
         own = columns(number)
         gone = slice(FEATURES + own.start, FEATURES + own.stop)
         mean = self.baseline().mean[gone]
@@ -188,16 +177,6 @@ class Contrasts:
         if self._baseline is None:
             self._baseline = self._solved()
         return self._baseline
-
-    def state(self) -> ContrastEntry:
-        """Return what must be kept across a restart."""
-        return ContrastEntry(
-            information=flat(self.information),
-            target=flat(self.target),
-            square=self.square,
-            count=self.count,
-            levels=flat(self.levels),
-        )
 
     @classmethod
     def restored(cls, entry: ContrastEntry) -> Contrasts:

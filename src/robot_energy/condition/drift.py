@@ -22,15 +22,22 @@ baseline and of the scatter; it is kept in the sums of `Contrasts`, so that merg
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import erfc, exp, inf, sqrt
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts, correlated, scatter
-from robot_energy.condition.programs import OWN, ProgramTable, columns
 from robot_energy.condition.record import STRICT, Number, Stamp
-from robot_energy.condition.wear_records import DIGITS, RECORD_TIME, WearRecord
+from robot_energy.condition.wear_records import (
+    DIGITS,
+    OWN,
+    RECORD_TIME,
+    ProgramTable,
+    WearRecord,
+    columns,
+)
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Float
 
 WANDERS = (0.0005, 0.00125, 0.003, 0.008, 0.016)  # of no known cause; the likeliest counts [-]
@@ -50,23 +57,16 @@ LONGEST = 40_000.0  # a record that is not merged any more [s]
 MAX_RECORDS = 90
 
 
-@dataclass(frozen=True)
-class AlarmLimits:
+class AlarmLimits(Described):
     """Deviations by which a change must exceed all other causes than wear to be an alarm. [-]
 
     Set by what sound robots of the virtual rig reach in thousands of hours, and changed ones do.
-
-    Attributes:
-        ramp: A change that comes slowly, among drifts of no known cause.
-        step: A step that has lasted: payloads change within hours.
-        young_large: A step of `LARGE` or more that has not lasted yet.
-        young: A smaller one, which a payload may be.
     """
 
-    ramp: float
-    step: float
-    young_large: float
-    young: float
+    ramp: Annotated[float, "A change that comes slowly, among drifts of no known cause."]
+    step: Annotated[float, "A step that has lasted: payloads change within hours."]
+    young_large: Annotated[float, "A step of `LARGE` or more that has not lasted yet."]
+    young: Annotated[float, "A smaller one, which a payload may be."]
 
     def of(self, ramp: bool, young: bool, large: bool) -> float:
         """Return the limit of a change. [-]"""
@@ -79,22 +79,17 @@ SEVERAL_PROGRAMS = AlarmLimits(8.0, 8.0, 12.0, 18.0)
 """Once another program was seen: it moves friction as no payload does, also by much."""
 
 
-@dataclass(frozen=True)
-class Subject:
-    """What the records are of.
+class Subject(Described):
+    """What the records are of."""
 
-    Attributes:
-        min_hours: Motion before anything is found; no payload but one was seen. [h]
-        lasting: A step that is younger is young. [h]
-        limits: While one program is known.
-        max_brief: Greatest standard deviation of what scatter lasts a while, unless it is learned
-            as payload. [-]
-    """
-
-    min_hours: float
-    lasting: float
-    limits: AlarmLimits
-    max_brief: float
+    min_hours: Annotated[float, "Motion before anything is found; no payload but one was seen. [h]"]
+    lasting: Annotated[float, "A step that is younger is young. [h]"]
+    limits: Annotated[AlarmLimits, "While one program is known."]
+    max_brief: Annotated[
+        float,
+        "Greatest standard deviation of what scatter lasts a while, unless it is learned as "
+        "payload. [-]",
+    ]
 
 
 JOINT = Subject(3.0, 6.0, AlarmLimits(4.0, 5.0, 5.0, 10.0), 0.002)
@@ -104,22 +99,17 @@ BAGS = Subject(3.0, 6.0, ROBOT.limits, inf)
 """Of one joint, one record each; they differ for many reasons."""
 
 
-@dataclass(frozen=True)
-class FrictionChange:
-    """A change that was found.
-
-    Attributes:
-        hours: Hours of motion when it began. [h]
-        until: Hours of motion when it was complete, or found; those of the step. [h]
-        size: Logarithm of the factor when it was found. [-]
-    """
+class FrictionChange(Described):
+    """A change that was found."""
 
     __pydantic_config__ = STRICT  # it is kept as it is
 
     stamp_ns: Stamp
-    hours: Number
-    until: Number
-    size: Number
+    hours: Annotated[Number, "Hours of motion when it began. [h]"]
+    until: Annotated[
+        Number, "Hours of motion when it was complete, or found; those of the step. [h]"
+    ]
+    size: Annotated[Number, "Logarithm of the factor when it was found. [-]"]
 
     @property
     def ramp(self) -> bool:
@@ -127,31 +117,20 @@ class FrictionChange:
         return self.until > self.hours
 
 
-@dataclass(frozen=True)
-class Drift:
-    """How far friction has changed since the first records.
+class Drift(Described):
+    """How far friction has changed since the first records."""
 
-    Attributes:
-        size: All changes together; 0 if there is none. [-]
-        std: Its standard deviation; NaN if there is none. [-]
-        since_ns: When the first of the latest changes of one sign began; None: none. [ns]
-        sure: Probability that the newest change is not chance. [-]
-        fell: Whether the newest change was a fall.
-    """
-
-    size: float = 0.0
-    std: float = float("nan")
-    since_ns: int | None = None
-    sure: float = 0.0
-    fell: bool = False
+    size: Annotated[float, "All changes together; 0 if there is none. [-]"] = 0.0
+    std: Annotated[float, "Its standard deviation; NaN if there is none. [-]"] = float("nan")
+    since_ns: Annotated[
+        int | None, "When the first of the latest changes of one sign began; None: none. [ns]"
+    ] = None
+    sure: Annotated[float, "Probability that the newest change is not chance. [-]"] = 0.0
+    fell: Annotated[bool, "Whether the newest change was a fall."] = False
 
 
 class DriftTest:
-    """Tests the records of one joint, or of the whole robot.
-
-    Attributes:
-        refused: Records that were not numbers.
-    """
+    """Tests the records of one joint, or of the whole robot."""
 
     def __init__(self, subject: Subject = JOINT) -> None:
         self._subject = subject
@@ -160,7 +139,7 @@ class DriftTest:
         self.contrasts = Contrasts()
         self.programs = ProgramTable()
         self.drift = Drift()
-        self.refused = 0
+        self.refused = 0  # records that were not numbers
 
     def step(self, record: WearRecord) -> bool:
         """Return whether a change is found with one more record."""
@@ -203,11 +182,7 @@ class DriftTest:
         self.changes = [*self.changes, found] if found is not None and same else kept
 
     def take(self, records: list[WearRecord]) -> None:
-        """Take what is known of a robot at once, and look for changes until there is no more.
-
-        Args:
-            records: Of the whole time, oldest first; they are kept as they are.
-        """
+        """Take all records of a robot as they are, oldest first, and look for all changes."""
         self.records = [
             one for one in records if np.isfinite([one.excess, one.variance, *one.features]).all()
         ]

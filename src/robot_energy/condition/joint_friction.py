@@ -9,29 +9,90 @@ their mean:
 
 ``y = (tau_measured - tau_rigid) sgn(w)``, ``x = |friction torque of the model|`` at the present
 speed and temperature. A part of five seconds is taken or refused as a whole.
+
+A value between two buckets of speed or temperature belongs to both, the nearer one more, and the
+weights sum to one, so that no sum jumps where a motor crosses an edge.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.buckets import (
-    DEGC_BUCKETS,
-    SPEED_BUCKETS,
-    degc_place,
-    shares,
-    speed_place,
-)
-from robot_energy.condition.record import FrictionRecord, filled, flat
+from robot_energy.foundation.described import Described
 from robot_energy.physics.drivetrain import ABOVE_STANDSTILL
 from robot_energy.timeline.blocks import (
     DOUBTFUL,
     NANOSECOND,
     Float,
+    Int,
     PowerBlock,
 )
+
+SLOWEST = 0.05  # speed of the slowest bucket, joint side [rad/s] or [m/s]
+SPEED_STEP = 4.0  # from one bucket of speed to the next
+SPEED_BUCKETS = 4  # 0.05, 0.2, 0.8, 3.2
+DEGC_STEP = 10.0  # from one bucket of temperature to the next [K]
+DEGC_BUCKETS = 10  # 0 to 90 degC
+
+BUCKET_SPEED = SLOWEST * SPEED_STEP ** np.arange(SPEED_BUCKETS)
+BUCKET_DEGC = DEGC_STEP * np.arange(DEGC_BUCKETS)
+
+
+def speed_place(speed: Float) -> Float:
+    """Return where speeds lie among the buckets, 0 to ``SPEED_BUCKETS - 1``, same shape. [-]
+
+    Args:
+        speed: Amount, joint side, any shape. [rad/s] or [m/s]
+    """
+    with np.errstate(divide="ignore"):
+        place = np.log(speed / SLOWEST) / np.log(SPEED_STEP)
+    return np.clip(place, 0.0, SPEED_BUCKETS - 1.0)
+
+
+def degc_place(motor_temperature_degc: Float) -> Float:
+    """Return where temperatures lie among the buckets, 0 to ``DEGC_BUCKETS - 1``. [-]
+
+    Args:
+        motor_temperature_degc: Any shape. [degC]
+    """
+    return np.clip(motor_temperature_degc / DEGC_STEP, 0.0, DEGC_BUCKETS - 1.0)
+
+
+def shares(place: Float, buckets: int) -> Float:
+    """Return the weight of every bucket, shape (..., B); each row sums to one. [-]
+
+    Args:
+        place: Shape (...). [-]
+    """
+    return np.maximum(1.0 - np.abs(place[..., None] - np.arange(buckets)), 0.0)
+
+
+def interpolated(table: Float, degc: Float, speed: Float) -> Float:
+    """Return the values of tables between their buckets, shape (N, n). [-]
+
+    Args:
+        table: One of each joint, shape (n, DEGC_BUCKETS, SPEED_BUCKETS). [-]
+        degc: Places of the temperatures, shape (N, n). [-]
+        speed: Places of the speeds, shape (N, n). [-]
+    """
+    row, up_row = _corner(degc, DEGC_BUCKETS)
+    column, up_column = _corner(speed, SPEED_BUCKETS)
+    flat = table.reshape(-1)
+    first = np.arange(len(table)) * (DEGC_BUCKETS * SPEED_BUCKETS) + row * SPEED_BUCKETS + column
+    low = flat[first] + (flat[first + 1] - flat[first]) * up_column
+    first += SPEED_BUCKETS
+    high = flat[first] + (flat[first + 1] - flat[first]) * up_column
+    return low + (high - low) * up_row
+
+
+def _corner(place: Float, buckets: int) -> tuple[Int, Float]:
+    """The bucket below, and how far it is to the next."""
+    below = np.minimum(place.astype(np.int64), buckets - 2)
+    return below, place - below
+
 
 BOUNDS = (0.5, 2.0)  # of a multiplier, around the model file [-]
 MAX_RATIO = 10.0  # of one part, either way; beyond it is a collision or a wrong torque [-]
@@ -43,25 +104,21 @@ SHRINK_TIME = 10.0  # a bucket with this time lies half way to the joint's mean 
 GRID = 1e-6  # multipliers are rounded to it: no rounding error of a sum shows in a register
 
 
-@dataclass(frozen=True)
-class MotionSums:
-    """What one part of the samples says of each joint, forward and backward.
-
-    Attributes:
-        model: Sum of the model's friction torque times the sample period, by bucket of speed,
-            shape (2, n, SPEED_BUCKETS). [N m s]
-        measured: The same of the measured friction torque. [N m s]
-        time: Time in motion, same shape. [s]
-        load: Sum of the amount of the rigid torque times the period, shape (2, n). [N m s]
-        degc: Mean temperature, shape (n,). [degC]
-    """
+class MotionSums(Described):
+    """What one part of the samples says of each joint, forward and backward."""
 
     stamp_ns: int
-    model: Float
-    measured: Float
-    time: Float
-    load: Float
-    degc: Float
+    model: Annotated[
+        Float,
+        "Sum of the model's friction torque times the sample period, by bucket of speed, shape "
+        "(2, n, SPEED_BUCKETS). [N m s]",
+    ]
+    measured: Annotated[Float, "The same of the measured friction torque. [N m s]"]
+    time: Annotated[Float, "Time in motion, same shape. [s]"]
+    load: Annotated[
+        Float, "Sum of the amount of the rigid torque times the period, shape (2, n). [N m s]"
+    ]
+    degc: Annotated[Float, "Mean temperature, shape (n,). [degC]"]
 
     @property
     def ratio(self) -> Float:
@@ -176,21 +233,6 @@ class FrictionLearner:
         for sums, memory in ((self.sums, MEMORY), (self.newest, RAW_MEMORY)):
             sums *= np.minimum(1.0, memory / np.maximum(sums[2], memory))
         return used
-
-    def state(self) -> FrictionRecord:
-        """Return what must be kept across a restart."""
-        return FrictionRecord(
-            sums=flat(self.sums),
-            newest=flat(self.newest),
-            parts=tuple(self.parts.tolist()),
-            refused=tuple(self.refused.tolist()),
-        )
-
-    def restore(self, record: FrictionRecord) -> None:
-        """Continue from a record."""
-        self.sums, self.newest = filled(record.sums, self.sums), filled(record.newest, self.newest)
-        self.parts = filled(record.parts, self.parts)
-        self.refused = filled(record.refused, self.refused)
 
     @property
     def raw(self) -> Float:

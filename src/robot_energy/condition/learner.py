@@ -8,21 +8,19 @@ nothing depends on how the input is cut, and a replay learns what the monitor ha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
-from robot_energy.condition.buckets import interpolated
-from robot_energy.condition.joint_friction import FrictionLearner, MotionReader
-from robot_energy.condition.meter_fit import MeterFit
-from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows, Window
+from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, interpolated
+from robot_energy.condition.meter_fit import METER_WAIT, MeterFit, MeterWindows, Window
 from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.condition.wear import WearMonitor, WearState
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
@@ -49,37 +47,26 @@ STUCK = np.uint32(Quality.TEMPERATURE_STUCK)  # what warms unseen would be taken
 
 
 class ConditionRecord(ConditionPart):
-    """What was learned of one robot with one model file.
-
-    Attributes:
-        wear: Records of friction, and the changes found in them.
-    """
+    """What was learned of one robot with one model file."""
 
     model_id: str
     joint_names: tuple[str, ...]
     end_ns: Stamp | None
     friction: FrictionRecord
     meter: MeterRecord
-    wear: WearState
+    wear: Annotated[WearState, "Records of friction, and the changes found in them."]
 
 
-@dataclass(frozen=True)
-class _InUse:
-    """Learned figures that hold for one part.
+class _InUse(Described):
+    """Learned figures that hold for one part."""
 
-    Attributes:
-        table: Multipliers of the joints with torque, shape (n, ...), see `FrictionLearner.table`.
-        by_torque: Which joints these are, shape (n,).
-        factor: On the friction of the others. [-]
-        offset: Of the constant losses. [W]
-        at_bus: Whether the offset is on the DC side.
-    """
-
-    table: Float
-    by_torque: NDArray[np.bool_]
-    factor: float
-    offset: float
-    at_bus: bool
+    table: Annotated[
+        Float, "Multipliers of the joints with torque, shape (n, ...), see `FrictionLearner.table`."
+    ]
+    by_torque: Annotated[NDArray[np.bool_], "Which joints these are, shape (n,)."]
+    factor: Annotated[float, "On the friction of the others. [-]"]
+    offset: Annotated[float, "Of the constant losses. [W]"]
+    at_bus: Annotated[bool, "Whether the offset is on the DC side."]
 
     @property
     def any(self) -> bool:
@@ -148,25 +135,19 @@ class ConditionLearner:
         parts = np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
         return [*windows, *parts]
 
-    def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
-        """Learn from the part before, if it has ended.
-
-        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.begin`.
-        """
-        if self._part is not None and stamp_ns // PART_NS != self._part:
-            self._end_part()
-        if self.thermal.on:
-            self.thermal.begin(stamp_ns, stuck)
-
     def estimate(
-        self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
-    ) -> tuple[Float, Float]:
-        """Leave temperatures to the thermal observer.
+        self, begin_ns: int, stuck: NDArray[np.bool_], reading_degc: Float, viscous: Float,
+        std: Float, shared: Float, quality: Bits,
+    ) -> tuple[Float, Float]:  # fmt: skip
+        """Learn from the part before, if it has ended; leave temperatures to the thermal observer.
 
         Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
         """
+        if self._part is not None and begin_ns // PART_NS != self._part:
+            self._end_part()
         if not self.thermal.on:
             return reading_degc, reading_degc
+        self.thermal.begin(begin_ns, stuck)
         return self.thermal.estimate(reading_degc, viscous, std, shared, quality)
 
     def learned(
@@ -227,8 +208,8 @@ class ConditionLearner:
             model_id=self._model.model_id,
             joint_names=tuple(self._model.joint_names),
             end_ns=self.end_ns,
-            friction=self.friction.state(),
-            meter=self.meter.state(),
+            friction=FrictionRecord.of(self.friction),
+            meter=MeterRecord.of(self.meter),
             wear=self.wear.state(),
         )
 
@@ -239,8 +220,8 @@ class ConditionLearner:
             raise StateFileError(
                 f"learned figures of model {record.model_id}", f"model {model.model_id}"
             )
-        self.friction.restore(record.friction)
-        self.meter.restore(record.meter)
+        record.friction.put_into(self.friction)
+        record.meter.put_into(self.meter)
         self.wear.restore(record.wear)
         self.end_ns = record.end_ns
         self._taught = (self.friction.table(), self.friction.valid)

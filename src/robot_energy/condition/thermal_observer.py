@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.condition.meter_windows import METER_WAIT, MeterWindows
+from robot_energy.condition.meter_fit import METER_WAIT, MeterWindows
 from robot_energy.condition.record import ThermalRecord, filled, flat
 from robot_energy.condition.thermal_state import GEAR, MOTOR, SENSOR_STD, ThermalState
 from robot_energy.foundation.errors import StateFileError

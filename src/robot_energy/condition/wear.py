@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import PlainSerializer
@@ -11,7 +11,6 @@ from pydantic import PlainSerializer
 from robot_energy.condition.baseline import Contrasts
 from robot_energy.condition.drift import ROBOT, Drift, DriftTest, FrictionChange
 from robot_energy.condition.joint_friction import MotionSums
-from robot_energy.condition.programs import KnownProgram, ProgramTable
 from robot_energy.condition.record import (
     ConditionPart,
     ContrastEntry,
@@ -20,7 +19,15 @@ from robot_energy.condition.record import (
     Stamp,
     filled,
 )
-from robot_energy.condition.wear_records import FEATURES, MeterGatherer, MotionGatherer, WearRecord
+from robot_energy.condition.wear_records import (
+    FEATURES,
+    KnownProgram,
+    MeterGatherer,
+    MotionGatherer,
+    ProgramTable,
+    WearRecord,
+)
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.time_zone import local_time
 
@@ -28,15 +35,10 @@ WHOLE_ROBOT = ""  # name of what one power meter sees
 MAX_SURE = 0.9999  # more is not claimed
 
 
-@dataclass(frozen=True)
-class WearAlarm:
-    """A lasting change of friction.
+class WearAlarm(Described):
+    """A lasting change of friction."""
 
-    Attributes:
-        joint: Its name; empty for the whole robot, as one power meter sees it.
-    """
-
-    joint: str
+    joint: Annotated[str, "Its name; empty for the whole robot, as one power meter sees it."]
     drift: Drift
 
     @property
@@ -86,17 +88,13 @@ class WearState(ConditionPart):
 
 
 class WearMonitor:
-    """Watches the friction of every joint, or of the whole robot, for lasting changes.
-
-    Attributes:
-        joints: Test of each joint, from measured torque.
-    """
+    """Watches the friction of every joint, or of the whole robot, for lasting changes."""
 
     def __init__(self, joint_names: Sequence[str]) -> None:
         self._names = tuple(joint_names)
         self._gatherer = MotionGatherer(len(self._names))
         self._meter = MeterGatherer()
-        self.joints = [DriftTest() for _ in self._names]
+        self.joints = [DriftTest() for _ in self._names]  # test of each joint, from measured torque
         self.robot = DriftTest(ROBOT)
 
     def step(self, part: MotionSums) -> None:
@@ -150,7 +148,7 @@ class WearMonitor:
                 DriftRecord(
                     records=tuple(test.records),
                     changes=tuple(test.changes),
-                    contrasts=test.contrasts.state(),
+                    contrasts=ContrastEntry.of(test.contrasts),
                     programs=tuple(test.programs.known),
                 )
                 for test in (*self.joints, self.robot)

@@ -12,16 +12,17 @@ weigh less (Huber).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import starmap, zip_longest
 from math import log
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
-from robot_energy.condition.buckets import DEGC_STEP, SPEED_BUCKETS, shares
-from robot_energy.condition.joint_friction import MotionSums
-from robot_energy.condition.record import Number, Numbers, Stamp
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
+from robot_energy.condition.joint_friction import DEGC_STEP, SPEED_BUCKETS, MotionSums, shares
+from robot_energy.condition.record import STRICT, Number, Numbers, Stamp
 from robot_energy.timeline.blocks import NANOSECOND, Float
 
 RECORD_TIME = 300.0  # motion of a record [s]
@@ -45,29 +46,27 @@ DIGITS = 6  # kept of each figure, so that a record is the same after a restart
 
 
 class WearRecord(NamedTuple):
-    """Minutes of motion of one joint, or of the whole robot.
-
-    Attributes:
-        hours: Hours of motion up to the middle. [h]
-        time: Motion. [s]
-        excess: Logarithm of measured over model friction. [-]
-        variance: Of the excess by scatter alone. [-]
-        features: Shares of the friction torque in each bucket of temperature, in each bucket of
-            speed, these times warmth, nuisances, these times warmth, shape (FEATURES,).
-        work: Time of every joint in each bucket of speed over `time`; it belongs to the program,
-            whatever the robot carries and however warm it is. Empty once the program is known.
-        program: What the coefficients of each program are multiplied by; those that are missing
-            are zero.
-    """
+    """Minutes of motion of one joint, or of the whole robot."""
 
     stamp_ns: Stamp
-    hours: Number
-    time: Number
-    excess: Number
-    variance: Number
-    features: Numbers
-    work: Numbers = ()
-    program: Numbers = ()
+    hours: Annotated[Number, "Hours of motion up to the middle. [h]"]
+    time: Annotated[Number, "Motion. [s]"]
+    excess: Annotated[Number, "Logarithm of measured over model friction. [-]"]
+    variance: Annotated[Number, "Of the excess by scatter alone. [-]"]
+    features: Annotated[
+        Numbers,
+        "Shares of the friction torque in each bucket of temperature, in each bucket of speed, "
+        "these times warmth, nuisances, these times warmth, shape (FEATURES,).",
+    ]
+    work: Annotated[
+        Numbers,
+        "Time of every joint in each bucket of speed over `time`; it belongs to the program, "
+        "whatever the robot carries and however warm it is. Empty once the program is known.",
+    ] = ()
+    program: Annotated[
+        Numbers,
+        "What the coefficients of each program are multiplied by; those that are missing are zero.",
+    ] = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
         """Return this and a later record as one; all its figures are means over time."""
@@ -254,13 +253,10 @@ class MeterGatherer:
     Over a record the residual is a line in friction power: its slope is how far friction lies
     above the model's, whatever the constant losses do meanwhile. Windows are gathered until it is
     known well enough.
-
-    Attributes:
-        hours: Time of all windows so far. [h]
     """
 
     def __init__(self) -> None:
-        self.hours = 0.0
+        self.hours = 0.0  # time of all windows so far [h]
         self._rows: list[tuple[float, float, float, float, int]] = []
 
     def step(
@@ -317,3 +313,88 @@ def _line(friction: Float, residual: Float, weight: Float) -> tuple[float, Float
     y = residual - weight @ residual / total
     slope = float((weight * x) @ y / max(float((weight * x) @ x), 1e-9))
     return slope, y - slope * x
+
+
+SAME_PROGRAM = 0.05  # by how much the times of one program may differ [-]
+OWN = 1 + LOADS.stop - LOADS.start  # coefficients of a program: level and slopes
+MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longest is forgotten
+
+
+@dataclass
+class KnownProgram:
+    """A program that was seen."""
+
+    __pydantic_config__ = STRICT  # it is kept as it is
+
+    work: Annotated[Numbers, "That of its first record. [-]"]
+    loads: Annotated[
+        Numbers, "Load, difference and scatter of its first record; its level is at these. [-]"
+    ]
+    hours: Annotated[Number, "Hours of motion when it was last seen. [h]"]
+
+
+class ProgramTable:
+    """Finds to which program of a robot a record belongs.
+
+    Two programs load a gear in other poses. So at equal features their friction differs, and a
+    payload that the model does not have leaves another part of its torque in the mean of the
+    directions. Each program but the first therefore has coefficients of its own in the baseline:
+    a level, and slopes of load, difference of the directions and scatter. A program is recognised
+    by how long every joint moves at each speed, which neither load nor temperature changes.
+
+    Args:
+        known: Seen before, in the order of their coefficients; the first has none.
+    """
+
+    def __init__(self, known: Sequence[KnownProgram] = ()) -> None:
+        self.known = list(known)
+        self._new: tuple[float, ...] = ()
+
+    def step(self, record: WearRecord) -> tuple[WearRecord | None, int | None]:
+        """Take a record.
+
+        Args:
+            record: Newer than all before, of any program.
+
+        Returns:
+            The record with what its own coefficients are multiplied by; None if it is of no
+            program, as when the program changed meanwhile. And which program had to be forgotten
+            for it; None if none.
+        """
+        if not record.work:
+            return record, None
+        forgotten: int | None = None
+        number = _nearest(record.work, [one.work for one in self.known])
+        before, self._new = self._new, ()
+        if number is None and self.known and _nearest(record.work, [before]) is None:
+            self._new = record.work
+            return None, None  # of a new program once the next record agrees
+        if number is None:
+            new = KnownProgram(record.work, record.features[LOADS], record.hours)
+            if len(self.known) <= MAX_PROGRAMS:
+                number = len(self.known)
+                self.known.append(new)
+            else:
+                hours = [one.hours for one in self.known[1:]]
+                number = forgotten = 1 + int(np.argmin(hours))
+                self.known[number] = new
+        known = self.known[number]
+        known.hours = record.hours
+        if number == 0:
+            return record._replace(program=(), work=()), None
+        before = (0.0,) * (OWN * (number - 1))
+        off = np.subtract(record.features[LOADS], known.loads)
+        own = (1.0, *(round(value, DIGITS) for value in off.tolist()))
+        return record._replace(program=before + own, work=()), forgotten
+
+
+def _nearest(work: tuple[float, ...], known: Sequence[tuple[float, ...]]) -> int | None:
+    """The one that hardly differs."""
+    apart = [float(np.abs(np.subtract(one, work)).max()) for one in known if one]
+    number = int(np.argmin(apart)) if apart else None
+    return None if number is None or apart[number] > SAME_PROGRAM else number
+
+
+def columns(number: int) -> slice:
+    """Return where the coefficients of a program, from 1, stand among those of all programs."""
+    return slice(OWN * (number - 1), OWN * number)

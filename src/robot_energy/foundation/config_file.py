@@ -80,12 +80,7 @@ def read_text(
     remedy: str = "",
     encoding_of: Callable[[bytes], str] | None = None,
 ) -> str:
-    """Return the text of a regular file; a pipe or a device is never waited for.
-
-    Args:
-        remedy: What the user can do if it cannot be read.
-        encoding_of: Finds the encoding from the bytes; by default it is UTF-8.
-    """
+    """Return the text of a regular file, UTF-8 by default; pipes and devices are refused."""
     try:
         return read_regular_text(path, max_bytes, encoding_of)
     except (OSError, UnicodeDecodeError) as found:

@@ -78,12 +78,7 @@ class ShapeError(RobotEnergyError, ValueError):
 
 
 def check_shape(name: str, found: tuple[int, ...], expected: tuple[int, ...]) -> None:
-    """Refuse an array of another shape.
-
-    Args:
-        found: Its shape.
-        expected: The shape it must have.
-    """
+    """Refuse an array of another shape than expected."""
     if found != expected:
         raise ShapeError(f"{name} has shape {found}", f"{expected}")
 

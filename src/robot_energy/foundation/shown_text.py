@@ -11,9 +11,6 @@ def shown(text: str, limit: int = MAX_SHOWN) -> str:
 
     Control and format characters, line separators and lone surrogates are written as
     escapes (``\x1b``, ``\u202e``); a longer text is cut, with a mark.
-
-    Args:
-        text: A joint name, topic name, reason, ... of a message or file.
     """
     part = text[: limit + 1]
     safe = part

@@ -24,9 +24,6 @@ def resolve(bag: BagReader, name: str) -> str | None:
     """Return the topic that a node would read under a name; None if the bag has no such topic.
 
     Names of parameters are relative, those of a bag have the namespace of the recording.
-
-    Args:
-        name: Name of a topic, as in the parameters of a node.
     """
     plain = name.removeprefix("~/")
     for exact in (plain, f"/{plain}"):
@@ -157,11 +154,7 @@ def find_meter(
 def find_auxiliary(
     bag: BagReader, loads: Sequence[AuxiliaryLoad], inputs: AuxiliaryInputs | None
 ) -> tuple[dict[str, LoadTopics], list[str]]:
-    """Return topics of every load by its name, and a sentence for what is missing or names none.
-
-    Args:
-        inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-    """
+    """Return topics of every load by its name, and a sentence for what is missing or names none."""
     inputs = inputs or AuxiliaryInputs()
     found: dict[str, LoadTopics] = {}
     notes: list[str] = []

@@ -21,14 +21,10 @@ ROS_PARAMETERS = "ros__parameters"
 
 
 def read_inputs(path: str | Path, robot: RobotPreset | None = None) -> tuple[Inputs, list[str]]:
-    """Return the inputs that a parameter file sets, and a sentence for each probable misspelling.
+    """Return the inputs of a file or of a robot in `ROBOTS`, and sentences on misspellings.
 
     Entries of all nodes in the file count, under their names or under ``/**``; parameters
     that are about no input (rates, the model) are left out.
-
-    Args:
-        path: A YAML file of ROS parameters, or the name of a robot in `ROBOTS`, whose inputs
-            are known.
     """
     if str(path) in ROBOTS and not Path(path).is_file():
         path = ROBOTS[str(path)].inputs

@@ -56,11 +56,7 @@ class FrictionWriter:
 
 
 class FrictionReader(ModelMessageReader[FrictionBlock]):
-    """Reads friction messages of the same model back into blocks, without outliers.
-
-    Args:
-        model: The robot's model; messages of another model are rejected.
-    """
+    """Reads friction messages of the same model back into blocks, without outliers."""
 
     def __init__(self, model: RobotModel) -> None:
         fields = ("temperature_stamp.sec", "temperature_stamp.nanosec")

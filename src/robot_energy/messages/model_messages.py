@@ -24,9 +24,6 @@ HEADER = (*(*STAMP, FRAME, "model_id", "joint_names", "quality"),)
 class ModelMessageReader(Generic[B]):
     """Reads messages of one model; refuses those of others and of other times.
 
-    Args:
-        arrays: Fields with one number per joint.
-
     Attributes:
         recording: Whether the newest batch has messages of a recording that is played.
     """

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.load_curve import COLUMNS
 from robot_energy.bag.cdr.decode import Encoder, stamp_columns
-from robot_energy.certainty.band import power_std
+from robot_energy.certainty.deviation import power_std
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import MeterLocation, known_part, sum_over_joints
 
@@ -20,11 +20,7 @@ LOAD_KINDS = {"auxiliary.state": np.int16, "auxiliary.remarks": np.uint8}  # not
 
 
 class PowerStateWriter:
-    """Serialises means, one message per period.
-
-    Args:
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; they are NaN.
-    """
+    """Serialises means, one message per period; parts that the model lacks are NaN."""
 
     def __init__(
         self,

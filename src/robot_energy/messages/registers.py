@@ -32,12 +32,7 @@ from robot_energy.timeline.blocks import known_part
 
 
 class RegistersWriter:
-    """Serialises the registers as they stand.
-
-    Args:
-        loads: Auxiliary loads in model order, those of the accounts that are encoded.
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`; NaN while they are 0.
-    """
+    """Serialises registers as they stand; parts that the model lacks are NaN while they are 0."""
 
     def __init__(
         self,

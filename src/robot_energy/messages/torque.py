@@ -38,11 +38,7 @@ class TorqueWriter:
         ]
 
     def encode(self, block: TorqueBlock, recording: bool = False) -> NDArray[np.uint8]:
-        """Return one serialised message per sample, shape (N, size).
-
-        Args:
-            recording: Whether they are of a recording that is played.
-        """
+        """Return one serialised message per sample, shape (N, size)."""
         columns = {name: getattr(block, name) for name in ARRAYS}
         return self._encoders[recording].encode(
             {

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+)
 
 Tag = Literal["published", "identified", "derived", "assumed"]
 LEAST_KNOWN: tuple[Tag, ...] = ("assumed", "derived", "published", "identified")
@@ -26,6 +34,17 @@ class ModelEntry(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
+class LateEntry(ModelEntry):
+    """Base of parts with keys that came later: a model without them keeps its identity."""
+
+    LATE: ClassVar[tuple[str, ...]]
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        values: dict[str, Any] = dump(self)
+        return {key: v for key, v in values.items() if key not in self.LATE or v is not None}
+
+
 class Figure(ModelEntry):
     """One number and how it is known."""
 
@@ -44,6 +63,15 @@ class PositiveFigure(Figure):
     value: Annotated[Number, Field(ge=0)]
 
 
+def _above_zero(figure: PositiveFigure) -> PositiveFigure:
+    if not figure.value > 0.0:
+        raise ValueError(f"must be > 0, found {figure.value}")
+    return figure
+
+
+AboveZero = Annotated[PositiveFigure, AfterValidator(_above_zero)]
+
+
 def least_known(tags: list[Tag]) -> Tag:
     """Return the tag of the least known of several figures; ``assumed`` of none."""
     for tag in LEAST_KNOWN:
@@ -58,11 +86,3 @@ def tag_of(entry: ModelEntry) -> Tag:
     own: list[Tag] = [value.tag for value in values if isinstance(value, Figure)]
     tag: Tag | None = getattr(entry, "tag", None)
     return least_known(own if tag is None else [*own, tag])
-
-
-def without_absent(entries: dict[str, Any], *keys: str) -> dict[str, Any]:
-    """Return entries without optional keys that are None.
-
-    Such keys came later than the files that lack them; a file without them keeps its identity.
-    """
-    return {key: value for key, value in entries.items() if key not in keys or value is not None}

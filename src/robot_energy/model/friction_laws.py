@@ -8,10 +8,10 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from robot_energy.foundation.kinds import Kind, Kinds, Part
-from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag, without_absent
+from robot_energy.model.figure import AboveZero, LateEntry, ModelEntry, Number, PositiveFigure, Tag
 
 Outside = Literal["hold", "extend", "auto"]
 Row = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -31,13 +31,15 @@ class ConstantLaw(LawEntry):
     viscous: Annotated[PositiveFigure, "fv, motor side. [N m s/rad]"]
 
 
-class ExponentialLaw(LawEntry):
+class ExponentialLaw(LawEntry, LateEntry):
     """fv(T) = a + b exp(-T/c), T in degC, motor side (paper A, section III)."""
+
+    LATE = ("std", "covariance", "outside")
 
     law: Annotated[Literal["exponential"], "Name of the law."]
     a: Annotated[PositiveFigure, "Hot limit. [N m s/rad]"]
     b: Annotated[PositiveFigure, "Amplitude at 0 degC. [N m s/rad]"]
-    c: Annotated[PositiveFigure, Field(), "Temperature scale. [K]"]
+    c: Annotated[AboveZero, "Temperature scale, > 0. [K]"]
     fitted_degc: Annotated[tuple[Number, Number], "Range of temperatures behind the fit."]
     std: Annotated[
         Annotated[float, Field(ge=0)] | None,
@@ -66,16 +68,9 @@ class ExponentialLaw(LawEntry):
                 "outside is 'auto' but there is no covariance; expected that of a, b and c, as "
                 "identify friction writes it, or outside: hold or extend"
             )
-        if self.c.value <= 0:
-            raise ValueError(f"c must be > 0 K, found {self.c.value}")
         if not self.fitted_degc[0] < self.fitted_degc[1]:
             raise ValueError(f"fitted_degc must rise, found {list(self.fitted_degc)}")
         return self
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what is absent: a model without it keeps its identity."""
-        return without_absent(dump(self), "std", "covariance", "outside")
 
 
 def _check_covariance(rows: list[list[float]]) -> None:

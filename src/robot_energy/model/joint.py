@@ -1,19 +1,24 @@
-"""Entries of one joint in a model file: gears, rotor, friction, drive. Motor side."""
+"""Entries of one joint in a model file: gears, rotor, friction, drive; motor side.
+
+Counterbalances are joint side. Each has a potential energy U(q), so it takes nothing over a
+closed path, and the drive adds ``dU/dq``.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Literal
 
-from pydantic import (
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
+from pydantic import Field, model_validator
+
+from robot_energy.model.drive_models import EfficiencyMap, LossDrive, LossMap
+from robot_energy.model.figure import (
+    AboveZero,
+    Figure,
+    LateEntry,
+    ModelEntry,
+    Number,
+    PositiveFigure,
 )
-
-from robot_energy.model.counterbalance import Counterbalance
-from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
-from robot_energy.model.figure import Figure, ModelEntry, Number, PositiveFigure, without_absent
 from robot_energy.model.friction_laws import LawEntry
 
 
@@ -28,23 +33,16 @@ class Stribeck(ModelEntry):
 class ViscousExponent(ModelEntry):
     """Viscous friction by a power of speed, ``fv(T) velocity sgn(w) (|w|/velocity)^exponent``."""
 
-    exponent: Annotated[
-        PositiveFigure, "Less than 1 where friction grows ever more slowly; > 0. [-]"
-    ]
+    exponent: Annotated[AboveZero, "Less than 1 where friction grows ever more slowly; > 0. [-]"]
     velocity: Annotated[
-        PositiveFigure, "At which the exponent changes nothing, > 0, motor side. [rad/s]"
+        AboveZero, "At which the exponent changes nothing, > 0, motor side. [rad/s]"
     ]
 
-    @model_validator(mode="after")
-    def _check(self) -> ViscousExponent:
-        for key in ("exponent", "velocity"):
-            if not getattr(self, key).value > 0.0:
-                raise ValueError(f"{key} must be > 0, found {getattr(self, key).value}")
-        return self
 
-
-class JointFriction(ModelEntry):
+class JointFriction(LateEntry):
     """Friction of one axis, motor side (paper A, eq. 3 and 8)."""
+
+    LATE = ("load_saturation", "viscous_exponent")
 
     coulomb: Annotated[PositiveFigure, "fc, independent of temperature. [N m]"]
     # One of the table of friction laws, see `robot_energy.model.open_schema`.
@@ -66,11 +64,6 @@ class JointFriction(ModelEntry):
         "Optional power of the speed in viscous friction; absent: the first.",
     ] = None
 
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out a key that came later, as `Joint` does."""
-        return without_absent(dump(self), "load_saturation", "viscous_exponent")
-
 
 class JointThermal(ModelEntry):
     """Thermal network of one motor: motor - structure - ambient, or motor - ambient.
@@ -81,15 +74,15 @@ class JointThermal(ModelEntry):
     without structure ``T_s`` is the ambient.
     """
 
-    capacity: Annotated[PositiveFigure, "C_m, heat capacity of the motor, > 0. [J/K]"]
+    capacity: Annotated[AboveZero, "C_m, heat capacity of the motor, > 0. [J/K]"]
     conductance: Annotated[
-        PositiveFigure, "G_m, from the motor to the structure, or to the ambient without it. [W/K]"
+        AboveZero, "G_m, from the motor to the structure, or to the ambient without it. [W/K]"
     ]
     structure_capacity: Annotated[
-        PositiveFigure | None, "C_s, of gear and links around the motor, > 0. [J/K]"
+        AboveZero | None, "C_s, of gear and links around the motor, > 0. [J/K]"
     ] = None
     structure_conductance: Annotated[
-        PositiveFigure | None, "G_s, from the structure to the ambient. [W/K]"
+        AboveZero | None, "G_s, from the structure to the ambient. [W/K]"
     ] = None
     friction_to_motor: Annotated[
         PositiveFigure | None,
@@ -113,11 +106,6 @@ class JointThermal(ModelEntry):
             raise ValueError("friction_to_motor needs a structure that takes the rest")
         if self.friction_to_motor is not None and self.friction_to_motor.value > 1.0:
             raise ValueError(f"friction_to_motor <= 1, found {self.friction_to_motor.value}")
-        above = ("capacity", "conductance", "structure_capacity", "structure_conductance")
-        for key in above:
-            figure = getattr(self, key)
-            if figure is not None and not figure.value > 0.0:
-                raise ValueError(f"{key} must be > 0, found {figure.value}")
         return self
 
 
@@ -128,7 +116,7 @@ class JointGear(ModelEntry):
     temperature T_m of the motor, measured or estimated, and T_a of the air.
     """
 
-    capacity: Annotated[PositiveFigure, "C, heat capacity of gear and oil, > 0. [J/K]"]
+    capacity: Annotated[AboveZero, "C, heat capacity of gear and oil, > 0. [J/K]"]
     motor_conductance: Annotated[PositiveFigure, "G_m, from the gear to the motor. [W/K]"]
     ambient_conductance: Annotated[
         PositiveFigure, "G_a, from the gear to the air; not both 0. [W/K]"
@@ -141,15 +129,68 @@ class JointGear(ModelEntry):
 
     @model_validator(mode="after")
     def _check(self) -> JointGear:
-        if not self.capacity.value > 0.0:
-            raise ValueError(f"capacity must be > 0, found {self.capacity.value}")
         if not self.motor_conductance.value + self.ambient_conductance.value > 0.0:
             raise ValueError("motor_conductance and ambient_conductance are both 0")
         return self
 
 
-class Joint(ModelEntry):
+class TorsionSpring(ModelEntry):
+    """A spring about the axis of a joint: the drive adds ``stiffness (q - rest)``."""
+
+    kind: Annotated[Literal["spring"], "``spring``."]
+    stiffness: Annotated[PositiveFigure, "k. [N m/rad] or [N/m]"]
+    rest: Annotated[Figure, "q0, position of the joint at which the spring is slack. [rad] or [m]"]
+
+
+class LeverSpring(ModelEntry):
+    """A tension spring on a lever, its force proportional to its length.
+
+    The drive adds ``moment cos(q - angle)``. A weight has the same form; a spring that carries
+    one has the opposite angle. With a stiffness k between two points at distances a and b from
+    the axis the moment is k a b.
+    """
+
+    kind: Annotated[Literal["lever"], "``lever``."]
+    moment: Annotated[PositiveFigure, "Greatest torque. [N m]"]
+    angle: Annotated[
+        Figure, "Position of the joint at which the drive adds the whole moment. [rad]"
+    ]
+
+
+class GasSpring(ModelEntry):
+    """A gas spring between the link before a joint and the one behind it.
+
+    Its length is ``l = sqrt(a^2 + b^2 - 2 a b cos(q - angle))``; it pushes its ends apart with
+    ``F = force + rate (length - l)``, so the drive adds ``-F dl/dq`` with ``dl/dq = (a b / l)
+    sin(q - angle)``.
+    """
+
+    kind: Annotated[Literal["gas_spring"], "``gas_spring``."]
+    a: Annotated[AboveZero, "Distance of its fixed end from the axis. [m]"]
+    b: Annotated[AboveZero, "Distance of its moved end from the axis. [m]"]
+    angle: Annotated[
+        Figure,
+        "Position of the joint at which both ends lie on one side of the axis, in line with it: "
+        "the gas spring is shortest there. [rad]",
+    ]
+    force: Annotated[PositiveFigure, "F at `length`. [N]"]
+    rate: Annotated[PositiveFigure, "Rise of F per length that the gas is pressed together. [N/m]"]
+    length: Annotated[PositiveFigure, "Length that `force` is stated for, usually extended. [m]"]
+
+    @model_validator(mode="after")
+    def _check(self) -> GasSpring:
+        if self.a.value == self.b.value:
+            raise ValueError("a and b must differ, or the spring can have no length")
+        return self
+
+
+Counterbalance = Annotated[TorsionSpring | LeverSpring | GasSpring, Field(discriminator="kind")]
+
+
+class Joint(LateEntry):
     """One modelled joint and its drive, in the order of the file."""
+
+    LATE = ("torque_constant", "counterbalance", "thermal", "gear")
 
     name: Annotated[str, Field(min_length=1), "As in the URDF and in the joint states."]
     gear_ratio: Annotated[
@@ -199,10 +240,3 @@ class Joint(ModelEntry):
         if self.torque_constant is not None and self.torque_constant.value == 0:
             raise ValueError("torque_constant must not be 0")
         return self
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out absent keys that came later: a model without them keeps its identity."""
-        late = [kind.key for kind in DRIVE_MODELS.values() if not kind.in_identity]
-        optional = ("torque_constant", "counterbalance", "thermal", "gear")
-        return without_absent(dump(self), *optional, *late)

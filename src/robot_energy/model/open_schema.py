@@ -13,6 +13,7 @@ from robot_energy.model.joint import Joint, JointFriction
 from robot_energy.model.schema import RobotModel
 
 OWN_KEYS = frozenset(Joint.model_fields)  # declared in the class
+OWN_LATE = Joint.LATE
 
 
 def follow_tables() -> None:
@@ -24,6 +25,7 @@ def follow_tables() -> None:
         if kind.key and kind.key not in OWN_KEYS:
             annotation: Any = kind.entry | None if kind.entry is not None else None
             fields[kind.key] = FieldInfo(annotation=annotation, default=None)
+    Joint.LATE = (*OWN_LATE, *(k.key for k in DRIVE_MODELS.values() if not k.in_identity))
     laws: Any = Union[tuple(kind.entry for kind in FRICTION_LAWS.values())]  # noqa: UP007 (made of a table)
     JointFriction.model_fields["viscous"] = (
         FieldInfo(annotation=laws, discriminator="law")

@@ -101,13 +101,9 @@ def payload(
 
 
 def several_carried(carried: Iterable[Payload]) -> str:
-    """Say what the robot carries, where that is on more than one link.
+    """Return what the robot carries, where that is on more than one link, else nothing.
 
-    Args:
-        carried: One body of each link; those of no mass are nothing.
-
-    Returns:
-        Such as ``15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all``; empty for one body.
+    Such as ``15 kg on 'flange' and 8 kg on 'tool0', 23 kg in all``.
     """
     bodies = [body for body in carried if body.mass]
     if len(bodies) < 2:

@@ -15,8 +15,6 @@ from pydantic import (
     AfterValidator,
     Field,
     PrivateAttr,
-    SerializerFunctionWrapHandler,
-    model_serializer,
     model_validator,
 )
 from pydantic_core import PydanticCustomError
@@ -27,11 +25,11 @@ from robot_energy.model.auxiliary import MAX_LOADS, AuxiliaryLoad
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import (
     Figure,
+    LateEntry,
     ModelEntry,
     Number,
     PositiveFigure,
     Tag,
-    without_absent,
 )
 from robot_energy.model.joint import Joint
 from robot_energy.model.payload import Payload
@@ -84,8 +82,10 @@ class CabinetFan(ModelEntry):
     ] = None
 
 
-class Cabinet(ModelEntry):
+class Cabinet(LateEntry):
     """Supply and constant losses (paper A, section II-A)."""
+
+    LATE = ("fan",)
 
     loss_grid: Annotated[PositiveFigure, "P_l,grid. [W]"]
     loss_dc: Annotated[PositiveFigure, "P_l,DC. [W]"]
@@ -102,11 +102,6 @@ class Cabinet(ModelEntry):
             raise ValueError("regeneration_efficiency must be at most 1")
         return self
 
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an absent key that came later: a model without it keeps its identity."""
-        return without_absent(dump(self), "fan")
-
 
 class Meter(ModelEntry):
     """How late the power meter shows what is drawn; a counter of energy has neither figure."""
@@ -120,13 +115,15 @@ class Meter(ModelEntry):
     ] = None
 
 
-class Hold(ModelEntry):
+class Hold(LateEntry):
     """What motors hold at rest in addition to the load, as shares of their static friction.
 
     ``tau = tau_r - carried sgn(tau_r) min(fs, |tau_r|) + kept fs d`` with the rigid torque tau_r,
     the static friction ``fs = static (fc + load min(|tau_r|, taus))`` and the direction d of the
     last motion, motor side.
     """
+
+    LATE = ("static",)
 
     kept: Annotated[Figure, "Share that stays in the direction of the last motion, -1 to 1. [-]"]
     carried: Annotated[
@@ -152,11 +149,6 @@ class Hold(ModelEntry):
             if not abs(value) <= 1.0:
                 raise ValueError(f"{key} must lie between -1 and 1, found {value}")
         return self
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an absent key that came later: a model without it keeps its identity."""
-        return without_absent(dump(self), "static")
 
 
 LOSS_TERMS = ("copper", "linear", "quadratic")  # of the losses of one drive
@@ -211,8 +203,10 @@ class Covariance(ModelEntry):
         return self
 
 
-class TemperatureSettings(ModelEntry):
+class TemperatureSettings(LateEntry):
     """What to assume where no temperature is known."""
+
+    LATE = ("ambient_degc",)
 
     fallback_degc: Annotated[
         Number,
@@ -225,11 +219,6 @@ class TemperatureSettings(ModelEntry):
         "Temperature of the air around the robot, for motors with a thermal network; its "
         "deviation in K, 3 without one. Absent: the fallback temperature. [degC]",
     ] = None
-
-    @model_serializer(mode="wrap")
-    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out an absent key that came later: a model without it keeps its identity."""
-        return without_absent(dump(self), "ambient_degc")
 
 
 class RobotType(ModelEntry):

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.model.counterbalance import GasSpring, LeverSpring, TorsionSpring
+from robot_energy.model.joint import GasSpring, LeverSpring, TorsionSpring
 from robot_energy.timeline.blocks import Float
 
 AnySpring = TorsionSpring | LeverSpring | GasSpring

@@ -8,13 +8,13 @@ sides, ``motor_torque . motor_velocity = joint_torque . joint_velocity``, so
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from robot_energy.foundation.errors import ModelFileError, ShapeError
+from robot_energy.physics.equations import mapped
 from robot_energy.timeline.blocks import Float
 
 if TYPE_CHECKING:
@@ -95,32 +95,6 @@ def torque_map(transmission: Float) -> Float:
             "check the coupling ratios",
         )
     return np.linalg.inv(transmission).T
-
-
-def mapped(matrix: Float, values: Float) -> Float:
-    """Return each row times ``matrix``, in a fixed order of operations, shape (..., n).
-
-    A matrix product of a library may sum in an order that depends on the number of rows;
-    this one does not, so a sample gives the same bits in every block.
-
-    Args:
-        matrix: Shape (n, n). [any unit]
-        values: Shape (..., n). [any unit]
-    """
-    diagonal, coupling = _entries(matrix.tobytes(), len(matrix))
-    result = values * diagonal
-    for row, column, entry in coupling:
-        result[..., row] += entry * values[..., column]
-    return result
-
-
-@lru_cache(maxsize=64)
-def _entries(matrix: bytes, size: int) -> tuple[Float, list[tuple[int, int, float]]]:
-    """The diagonal of a matrix, and the place and value of every other entry that is not 0."""
-    whole = np.frombuffer(matrix).reshape(size, size)
-    diagonal = np.diagonal(whole)
-    places = np.argwhere(whole - np.diag(diagonal)).tolist()
-    return diagonal.copy(), [(row, column, float(whole[row, column])) for row, column in places]
 
 
 def _matching(transmission: ArrayLike, values: ArrayLike) -> tuple[Float, Float]:

@@ -7,13 +7,14 @@ stages of the pipeline compute with these functions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ShapeError
 from robot_energy.timeline.blocks import Float
 
@@ -23,36 +24,45 @@ if TYPE_CHECKING:
 REFERENCE_DEGC = 20.0  # at which copper losses are stated
 UNBOUNDED = (-np.inf, np.inf)
 CACHED = 30_000  # numbers worked on at a time, so few that they stay in the cache
+_float: Callable[[ArrayLike], Float] = partial(np.asarray, dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Balance:
-    """Power flows at the cabinet, shape (N,) each. [W]
+class Balance(Described):
+    """Power flows at the cabinet, shape (N,) each. [W]"""
 
-    Attributes:
-        loss_dc: Constant loss on the DC side.
-        loss_grid: Constant loss on the grid side plus the loss of a regenerative supply.
-        brake_power: Into the brake resistor, >= 0.
-        capacitor_power: Into the capacitor, signed.
-        grid_power: From the grid; negative while a regenerative supply feeds back.
+    loss_dc: Annotated[Float, "Constant loss on the DC side."]
+    loss_grid: Annotated[
+        Float, "Constant loss on the grid side plus the loss of a regenerative supply."
+    ]
+    brake_power: Annotated[Float, "Into the brake resistor, >= 0."]
+    capacitor_power: Annotated[Float, "Into the capacitor, signed."]
+    grid_power: Annotated[Float, "From the grid; negative while a regenerative supply feeds back."]
+
+
+def mapped(matrix: Float, values: Float) -> Float:
+    """Return each row times ``matrix``, in a fixed order of operations, shape (..., n).
+
+    A matrix product of a library may sum in an order that depends on the number of rows;
+    this one does not, so a sample gives the same bits in every block.
+
+    Args:
+        matrix: Shape (n, n). [any unit]
+        values: Shape (..., n). [any unit]
     """
+    diagonal, coupling = _entries(matrix.tobytes(), len(matrix))
+    result = values * diagonal
+    for row, column, entry in coupling:
+        result[..., row] += entry * values[..., column]
+    return result
 
-    loss_dc: Float
-    loss_grid: Float
-    brake_power: Float
-    capacitor_power: Float
-    grid_power: Float
 
-    def at(self, rows: NDArray[np.int64]) -> Balance:
-        """Return the flows at some samples.
-
-        Args:
-            rows: Which samples, shape (M,).
-
-        Returns:
-            Shape (M,) each. [W]
-        """
-        return Balance(*(flow[rows] for flow in self.__dict__.values()))
+@lru_cache(maxsize=64)
+def _entries(matrix: bytes, size: int) -> tuple[Float, list[tuple[int, int, float]]]:
+    """The diagonal of a matrix, and the place and value of every other entry that is not 0."""
+    whole = np.frombuffer(matrix).reshape(size, size)
+    diagonal = np.diagonal(whole)
+    places = np.argwhere(whole - np.diag(diagonal)).tolist()
+    return diagonal.copy(), [(row, column, float(whole[row, column])) for row, column in places]
 
 
 def constant_viscous(motor_temperature_degc: ArrayLike, viscous: float) -> Float:
@@ -170,17 +180,17 @@ def friction_torque(
     """
     speed = _float(motor_velocity)
     constant = _float(coulomb)
-    if _given(load_coulomb):
+    if np.any(load_coulomb):
         constant = constant + _float(load_coulomb) * np.minimum(
             np.abs(_float(motor_torque_rigid)), _float(load_saturation)
         )
-    if _given(stribeck_torque):
+    if np.any(stribeck_torque):
         ratio = np.abs(speed) / _float(stribeck_velocity)
         constant = constant + _float(stribeck_torque) * np.exp(
             -(ratio ** _float(stribeck_exponent))
         )
     sign = np.sign(speed)
-    if _given(smooth_velocity):
+    if np.any(smooth_velocity):
         with np.errstate(divide="ignore", invalid="ignore"):
             smooth = _float(smooth_velocity)
             sign = np.where(smooth > 0, np.tanh(speed / smooth), sign)
@@ -349,12 +359,3 @@ def interval_energy(power: Float, before: Float, duration: Float) -> tuple[Float
         part *= half
         peaks += (float(part.max()), -float(part.min()))
     return energy, float(np.max(peaks))
-
-
-def _given(term: ArrayLike) -> bool:
-    """Whether a term is anything but 0."""
-    return term != 0.0 if isinstance(term, float) else bool(np.any(term))
-
-
-def _float(values: ArrayLike) -> Float:
-    return np.asarray(values, dtype=np.float64)

@@ -134,11 +134,7 @@ class ViscousLaw:
 
 
 def viscous_law(entry: LawEntry) -> ViscousLaw:
-    """Return the law that a model file names.
-
-    Args:
-        entry: The ``viscous`` entry of a joint.
-    """
+    """Return the law that a model file names."""
     kind = FRICTION_LAWS[entry.law]
     if kind.curve is None:
         raise KindError(f"the friction law '{kind.name}' has no curve", "a `ViscousLaw`")

@@ -17,9 +17,6 @@ OFTEN = 0.05  # share of the samples; identified friction and peak torques of a 
 class TorqueLimitWatch:
     """Counts samples whose bodies and rotors need more than the effort limit of the URDF.
 
-    Args:
-        limits: Of the URDF; joints without an effort limit are never beyond it.
-
     Attributes:
         most: Greatest torque or force over its limit, shape (n,). [-]
     """
@@ -36,11 +33,7 @@ class TorqueLimitWatch:
         return self._beyond / max(self._samples, 1)
 
     def step(self, block: TorqueBlock) -> None:
-        """Take torques.
-
-        Args:
-            block: One or more samples; those without a full derivative window do not count.
-        """
+        """Take torques; those without a full derivative window do not count."""
         torque = self._drivetrain.joint_torque_from_motor(block.motor_torque_rigid)
         use = np.maximum(torque.max(axis=0), -torque.min(axis=0)) / self._limits.effort
         doubtful = (block.quality & np.uint32(DOUBTFUL)) != 0

@@ -82,11 +82,7 @@ class FrictionStage:
         }
 
     def step(self, block: TemperatureBlock) -> FrictionBlock | None:
-        """Return the friction from each temperature onward that changes something, or None.
-
-        Args:
-            block: Readings, in order of their stamps as far as they arrived in time.
-        """
+        """Return the friction from each temperature onward that changes something, or None."""
         if not len(block):
             return None
         values, stamp = block.motor_temperature_degc, block.stamp_ns

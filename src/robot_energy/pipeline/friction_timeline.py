@@ -66,8 +66,9 @@ class FrictionTimeline:
         while len(block):
             newest = int(self._line.stamp_ns[-1])
             if int(block.stamp_ns[0]) <= newest - SLOW_NS:
-                self._follow_back()
-                newest = 0
+                if self._alone_ns is None:
+                    self._before = self._line
+                self._line, self._alone_ns, newest = self._line[slice(0, 1)], None, 0
             falls = np.flatnonzero(differences(block.stamp_ns, newest) < 0)
             rising = int(falls[0]) if len(falls) else len(block)
             if rising:
@@ -78,13 +79,6 @@ class FrictionTimeline:
                 self._line = line
             late = rising == 0  # a little older than what is known: superseded
             block = block[slice(rising + late, None)]
-
-    def _follow_back(self) -> None:
-        """Begin a new line: the stamps of friction have jumped back."""
-        if self._alone_ns is None:
-            self._before = self._line
-        self._line = self._line[slice(0, 1)]
-        self._alone_ns = None
 
     def jump_back(self, stamp_ns: int) -> None:
         """Note that the stamps of torque have jumped back; the row in use goes on."""
@@ -204,7 +198,7 @@ class FallbackUse:
     def note(
         self, stamp_ns: Int, temperature_degc: Float, seen_ns: Int, timeline: FrictionTimeline
     ) -> None:
-        """Take samples.
+        """Take samples of which one lacks a temperature; `samples` counts them already.
 
         Args:
             stamp_ns: Shape (N,), N >= 1. [ns]
@@ -212,9 +206,6 @@ class FallbackUse:
             seen_ns: Stamps of the temperatures known at the last sample, shape (n,); 0 where
                 none is. [ns]
         """
-        self.samples += len(stamp_ns)
-        if np.isfinite(temperature_degc.sum()):
-            return
         lacking = np.logical_or.reduce(np.isnan(temperature_degc), axis=1)
         count = int(lacking.sum())
         if bool((seen_ns > 0).all()):

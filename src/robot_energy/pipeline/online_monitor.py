@@ -23,8 +23,8 @@ from robot_energy.inputs.temperatures.kinds import MOTOR_TEMPERATURES
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages.fields import JOINT_STATES_TOPIC, METER_TOPIC, TEMPERATURES_TOPIC
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.replay.inputs import ModelName, effort_meaning, model_of
-from robot_energy.replay.power_table import empty_table, sample_table
+from robot_energy.replay.power_table import power_table
+from robot_energy.replay.setup import ModelName, effort_meaning, model_of
 from robot_energy.results.energy import EnergyBreakdown, energy_of
 from robot_energy.timeline.blocks import EffortMeaning, Int, MeterLocation, MeterMeaning
 from robot_energy.timeline.time_series import TimeSeries
@@ -219,13 +219,7 @@ class OnlineMonitor:
 
     def _table(self, outputs: list[Output]) -> TimeSeries:
         blocks = [output.power for output in outputs if output.power is not None]
-        if not blocks:
-            return empty_table(self.model.joint_names)
-        return sample_table(
-            type(blocks[0]).concatenate(blocks),
-            self.model.joint_names,
-            unmodelled=self.model.unmodelled,
-        )
+        return power_table(blocks, self.model.joint_names, unmodelled=self.model.unmodelled)
 
     def _joint_states(self, velocity: bool, effort: bool) -> Encoder:
         if (velocity, effort) not in self._encoders:

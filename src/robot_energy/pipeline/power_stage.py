@@ -55,6 +55,10 @@ class SupplyStage:
 
     Args:
         settings: What the effort is, which shows what motors hold at rest.
+
+    Attributes:
+        standstill: Speeds below which motors stand, shape (n,). [rad/s]
+        fallback_degc: Of windings whose temperature is not known. [degC]
     """
 
     def __init__(self, model: RobotModel, settings: Settings) -> None:
@@ -62,25 +66,8 @@ class SupplyStage:
         self.cabinet = CabinetStage(model.cabinet)
         self.fan = FanStage(model.cabinet)
         self.hold = HoldTorque(model, settings.effort)
-        self._standstill = motor_standstill(model)
-        self._fallback_degc = model.temperature.fallback_degc
-
-    def standing(self, motor_velocity: Float) -> NDArray[np.bool_]:
-        """Return where motors stand, same shape.
-
-        Args:
-            motor_velocity: Shape (N, n). [rad/s]
-        """
-        return np.asarray(np.abs(motor_velocity) <= self._standstill)
-
-    def winding(self, motor_temperature_degc: Float) -> Float:
-        """Return the temperature of windings; where none is known, that of the model. [degC]
-
-        Args:
-            motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
-        """
-        unknown = np.isnan(motor_temperature_degc)
-        return np.where(unknown, self._fallback_degc, motor_temperature_degc)
+        self.standstill = motor_standstill(model)
+        self.fallback_degc = model.temperature.fallback_degc
 
     def drawn(
         self, shaft: Float, speed: Float, wound: Float, winding: Float, quality: Bits
@@ -130,13 +117,14 @@ class SupplyStage:
         Args:
             power: Of a model that differs in nothing else; in time order.
         """
-        speed, standing = power.motor_velocity, self.standing(power.motor_velocity)
+        speed, degc = power.motor_velocity, power.motor_temperature_degc
+        standing = np.abs(speed) <= self.standstill
         quality = power.quality & ~np.uint32(Quality.DRIVE_EXTRAPOLATED | Quality.NOT_FINITE)
         wound, _ = self.hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)
         shaft = power.rigid_power + power.friction_power
-        winding = self.winding(power.motor_temperature_degc)
+        winding = np.where(np.isnan(degc), self.fallback_degc, degc)
         drawn = self.drawn(shaft, speed, wound, winding, quality)
-        fan = self.fan.step(power.motor_temperature_degc)
+        fan = self.fan.step(degc)
         bus, balance, phase = self.balance(power, drawn, standing, fan, quality)
         return replace(
             power,
@@ -151,7 +139,7 @@ class SupplyStage:
 class Condition(Protocol):
     """What is learned of one robot while it runs, and how it counts in its power.
 
-    Samples are cut at `cuts`; for each part in the order of time come `begin`, `estimate`,
+    Samples are cut at `cuts`; for each part in the order of time come `estimate`,
     `learned` and `step`. So what a part has taught counts from the next one on.
     """
 
@@ -169,20 +157,15 @@ class Condition(Protocol):
         """
         ...
 
-    def begin(self, stamp_ns: int, stuck: NDArray[np.bool_]) -> None:
-        """Begin a part at a stamp.
-
-        Args:
-            stuck: Whose temperature readings stand still, shape (n,).
-        """
-        ...
-
     def estimate(
-        self, reading_degc: Float, viscous: Float, std: Float, shared: Float, quality: Bits
-    ) -> tuple[Float, Float]:
-        """Return temperatures of the motors, and those that friction follows, (N, n) each. [degC]
+        self, begin_ns: int, stuck: NDArray[np.bool_], reading_degc: Float, viscous: Float,
+        std: Float, shared: Float, quality: Bits,
+    ) -> tuple[Float, Float]:  # fmt: skip
+        """Return temperatures of the motors of a part, and those that friction follows. [degC]
 
         Args:
+            begin_ns: First stamp of the part, which begins with it. [ns]
+            stuck: Whose temperature readings stand still, shape (n,).
             reading_degc: NaN where there is none, shape (N, n), not to be written to. [degC]
             viscous: At these readings, changed in place as the next two, shape (N, n). [N m s/rad]
             std: Its deviation, shape (N, n). [N m s/rad]
@@ -260,7 +243,6 @@ class PowerStage:
 
     def step(self, block: TorqueBlock) -> PowerBlock | None:
         """Return the power at torques that have settled; None while every sample still waits."""
-        block = block.motor_side()
         if self._waiting is not None:
             block = TorqueBlock.concatenate([self._waiting, block])
         stamp = block.stamp_ns
@@ -296,7 +278,6 @@ class PowerStage:
         parts: list[PowerBlock] = []
         for start, stop in zip([0, *cuts], [*cuts, len(block)], strict=True):
             if stop > start:
-                self._condition.begin(int(stamp[start]), self.watch.stuck)
                 parts.append(self._power(block[slice(start, stop)] if cuts else block))
             if stop in jumps:
                 self._slot = NO_SLOT
@@ -310,7 +291,7 @@ class PowerStage:
         coulomb, viscous, *deviations, measured_degc, degc, friction_degc = self._coefficients(
             block.stamp_ns, quality
         )
-        standing = self._supply.standing(speed)
+        standing = np.abs(speed) <= self._supply.standstill
         friction = self._friction.torque(
             speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
         )
@@ -328,7 +309,8 @@ class PowerStage:
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)
             wound, held_std = self._hold.in_winding(torque, block.motor_torque_measured, standing)
         rigid_power, friction_power = rigid * speed, friction * speed
-        shaft, winding = rigid_power + friction_power, self._supply.winding(degc)
+        shaft = rigid_power + friction_power
+        winding = np.where(np.isnan(degc), self._supply.fallback_degc, degc)
         drawn = self._supply.drawn(shaft, speed, wound, winding, quality)
         drive_loss = drawn - shaft
         stuck = self.watch.step(
@@ -393,7 +375,7 @@ class PowerStage:
                 *map(itemgetter(rows), of_motors),
                 fan_power=fan_power[rows] if isinstance(fan_power, np.ndarray) else fan_power,
                 payload_mass=block.payload_mass[rows],
-                balance=balance.at(rows),
+                balance=Balance(*map(itemgetter(rows), vars(balance).values())),
                 stamp_ns=block.stamp_ns[rows],
             )
             if not begins[0]:
@@ -430,6 +412,10 @@ class PowerStage:
             shared = np.where(stale, np.minimum(self._fallback_shared_std, std), shared)
             reading = np.where(stale, np.nan, reading)
             mark(quality, np.logical_or.reduce(stale, axis=1), Quality.TEMPERATURE_STALE)
-        degc, friction_degc = self._condition.estimate(reading, viscous, std, shared, quality)
-        self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self.timeline)
+        degc, friction_degc = self._condition.estimate(
+            int(stamp_ns[0]), self.watch.stuck, reading, viscous, std, shared, quality
+        )
+        self.fallback_use.samples += len(stamp_ns)
+        if not np.isfinite(degc.sum()):
+            self.fallback_use.note(stamp_ns, degc, seen[row[-1]], self.timeline)
         return coulomb, viscous, std, shared, reading, degc, friction_degc

@@ -15,9 +15,10 @@ from robot_energy.foundation.errors import PayloadError
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
-from robot_energy.physics.drivetrain import Drivetrain, mapped
+from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.physics.effort_check import EffortCheck
+from robot_energy.physics.equations import mapped
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline.settings import Settings
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
@@ -99,14 +100,10 @@ class PayloadTimeline:
                 break
             if first > start:
                 yield self.robot, block[slice(start, first)]
-            start = first
-            self._apply(self._coming.pop(0).payload)
+            start, payload = first, self._coming.pop(0).payload
+            others = [body for body in self.robot.payload if body.link != payload.link]
+            self.robot = self.robot.with_payload([*others, payload] if payload.mass else others)
         yield self.robot, block if start == 0 else block[slice(start, None)]
-
-    def _apply(self, payload: Payload) -> None:
-        others = [body for body in self.robot.payload if body.link != payload.link]
-        carried = [*others, payload] if payload.mass else others
-        self.robot = self.robot.with_payload(carried)
 
 
 class TorqueStage:

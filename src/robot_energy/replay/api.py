@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from numbers import Real
 from pathlib import Path
-from typing import Any, Literal, Unpack
+from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, ParameterError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
@@ -20,13 +21,16 @@ from robot_energy.physics.friction import FrictionModel, with_fixed_friction
 from robot_energy.pipeline import Output
 from robot_energy.replay import bag_replay
 from robot_energy.replay.bag_replay import Replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.power_table import empty_table, period_table, sample_table
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.condition import ConditionReport, condition_report
+from robot_energy.replay.power_table import power_table
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, MeterComparison, PhaseEnergy
-from robot_energy.results.replay import ReplayReport, replay_report
+from robot_energy.results.replay import (
+    ConditionReport,
+    ReplayReport,
+    condition_report,
+    replay_report,
+)
 from robot_energy.timeline.blocks import PowerBlock
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.time_series import TimeSeries
@@ -35,39 +39,35 @@ FALLBACK = "fallback"  # instead of a temperature: the model's
 FRICTION_DEGC = (-60.0, 250.0)  # at which friction can be fixed; the command refuses the same
 
 
-@dataclass(frozen=True)
-class ReplayResult(Shown):
-    """Where the energy of a bag went.
+class ReplayResult(Described, Shown):
+    """Where the energy of a bag went."""
 
-    Attributes:
-        bag: The bag.
-        model: The model used.
-        power: Power over time, one row per sample or averaging period: predicted grid power,
-            measured power, predicted power at the meter, residual (predicted minus measured),
-            bus power, rigid, friction and drive loss of all joints, constant losses, brake,
-            capacitor, phase (`Phase`), quality (bits of `Quality`); and per joint shaft, rigid
-            and friction power, drive loss, motor velocity, torque and temperature.
-        energy: Where the energy went.
-        joints: The same per joint, in model order.
-        comparison: Predicted and measured over the same intervals.
-        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``.
-        notes: What a user should know of inputs and figures, one sentence each.
-        problems: What was wrong with the bag or the accounts, one sentence each.
-        report: All figures, those above among them.
-        replay: The accounting behind the figures: registers, inputs, topics.
-    """
-
-    bag: Path
-    model: RobotModel
-    power: TimeSeries
-    energy: EnergyBreakdown
-    joints: tuple[JointEnergy, ...]
-    comparison: MeterComparison
-    phases: dict[str, PhaseEnergy]
-    notes: tuple[str, ...]
-    problems: tuple[str, ...]
-    report: ReplayReport = field(repr=False)
-    replay: Replay = field(repr=False)
+    bag: Annotated[Path, "The bag."]
+    model: Annotated[RobotModel, "The model used."]
+    power: Annotated[
+        TimeSeries,
+        "Power over time, one row per sample or averaging period: predicted grid power, "
+        "measured power, predicted power at the meter, residual (predicted minus measured), bus "
+        "power, rigid, friction and drive loss of all joints, constant losses, brake, "
+        "capacitor, phase (`Phase`), quality (bits of `Quality`); and per joint shaft, rigid "
+        "and friction power, drive loss, motor velocity, torque and temperature.",
+    ]
+    energy: Annotated[EnergyBreakdown, "Where the energy went."]
+    joints: Annotated[tuple[JointEnergy, ...], "The same per joint, in model order."]
+    comparison: Annotated[MeterComparison, "Predicted and measured over the same intervals."]
+    phases: Annotated[
+        dict[str, PhaseEnergy], "Time and energy by phase: ``hold``, ``motion``, ``generating``."
+    ]
+    notes: Annotated[
+        tuple[str, ...], "What a user should know of inputs and figures, one sentence each."
+    ]
+    problems: Annotated[
+        tuple[str, ...], "What was wrong with the bag or the accounts, one sentence each."
+    ]
+    report: Annotated[ReplayReport, "All figures, those above among them."] = field(repr=False)
+    replay: Annotated[Replay, "The accounting behind the figures: registers, inputs, topics."] = (
+        field(repr=False)
+    )
 
     def __repr__(self) -> str:
         compared, span = self.comparison, self.report.time.observed_time
@@ -127,12 +127,7 @@ def replay(
     pieces: list[Compared] = []
     result = bag_replay.replay(bag, used, setup, on_output=take, on_compared=pieces.append)
     compared, names = pieces if result.topics.meter else None, used.joint_names
-    if blocks:
-        power = sample_table(PowerBlock.concatenate(blocks), names, compared, used.unmodelled)
-    elif means:
-        power = period_table(MeanBlock.concatenate(means), names, compared, used.unmodelled)
-    else:
-        power = empty_table(names)
+    power = power_table(blocks or means, names, compared, used.unmodelled)
     report = replay_report(result, change)
     return ReplayResult(
         bag=result.bag,

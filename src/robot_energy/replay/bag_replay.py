@@ -42,8 +42,7 @@ from robot_energy.replay.energy_bag import EnergyBagWriter
 from robot_energy.replay.read_ahead import can_read_ahead, read_ahead
 from robot_energy.replay.recorded_jobs import RecordedJobs
 from robot_energy.replay.replay_steps import BagInputs, LoadIngest, read_steps, torque_steps
-from robot_energy.replay.replay_topics import Topics, find_topics
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ReplaySetup, Topics, find_topics
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning
 from robot_energy.timeline.pieces import Compared
 

@@ -23,12 +23,7 @@ from robot_energy.timeline.blocks import FrictionBlock
 
 
 class EnergyBagWriter:
-    """Writes the energy topics into a new bag, which is made at the first torque.
-
-    Args:
-        overwrite: Whether an existing one may be replaced.
-        origin: Where the recording comes from; empty if unknown.
-    """
+    """Writes the energy topics into a new bag, which is made at the first torque."""
 
     TOPICS: ClassVar = {
         "/energy/joint_torque": JOINT_TORQUE,

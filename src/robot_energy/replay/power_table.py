@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.energy_curve import EnergyCurve, EnergyRows, add_compared
-from robot_energy.certainty.band import power_std
+from robot_energy.certainty.deviation import power_std
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
@@ -42,94 +42,48 @@ MEASURED = ("measured_power", "predicted_power_at_meter", "residual_power")
 ALL_ROWS = 2**62  # a table keeps every interval of the comparison
 
 
-def sample_table(
-    block: PowerBlock,
+def power_table(
+    blocks: Sequence[PowerBlock] | Sequence[MeanBlock],
     joint_names: Sequence[str],
     compared: Sequence[Compared] | None = None,
     unmodelled: Collection[str] = (),
 ) -> TimeSeries:
-    """Return every sample; measured power is the mean from reading to reading, NaN without one.
+    """Return every sample, or means over periods with motor quantities at their end.
+
+    Measured power is the mean from reading to reading, NaN without one.
 
     Args:
         compared: What was compared with the meter; None: the table has no measured columns.
     """
-    return _table(
-        block,
-        joint_names,
-        compared,
-        unmodelled,
-        (block.rigid_power, block.friction_power, block.drive_loss, block.shaft_power),
-        {
+    if not blocks:
+        return _empty_table(joint_names)
+    block = type(blocks[0]).concatenate(blocks)  # pyright: ignore[reportArgumentType]
+    if isinstance(block, PowerBlock):
+        rigid, friction, loss = block.rigid_power, block.friction_power, block.drive_loss
+        shaft, capacitor = block.shaft_power, block.capacitor_power
+        known: dict[str, Any] = {
             "predicted_grid_power": block.grid_power,
             "bus_power": block.bus_power,
             "loss_dc": block.loss_dc,
             "loss_grid": block.loss_grid,
             "brake_power": block.brake_power,
-            "capacitor_power": block.capacitor_power,
-        },
-    )
-
-
-def period_table(
-    block: MeanBlock,
-    joint_names: Sequence[str],
-    compared: Sequence[Compared] | None = None,
-    unmodelled: Collection[str] = (),
-) -> TimeSeries:
-    """Return means over periods, columns as `sample_table`; motor quantities at their end.
-
-    Args:
-        compared: What was compared with the meter; None: the table has no measured columns.
-    """
-    power = block.powers
-    rigid, friction, loss = power["rigid"], power["friction"], power["drive_loss"]
-    return _table(
-        block,
-        joint_names,
-        compared,
-        unmodelled,
-        (rigid, friction, loss, rigid + friction),
-        {
+        }
+    else:
+        power = block.powers
+        rigid, friction, loss = power["rigid"], power["friction"], power["drive_loss"]
+        shaft, capacitor = rigid + friction, power["capacitor"]
+        known = {
             "predicted_grid_power": block.predicted_power,
-            "bus_power": sum_over_joints(rigid + friction + loss),
+            "bus_power": sum_over_joints(shaft + loss),
             "loss_dc": power["loss_dc"],
             "loss_grid": power["loss_grid"],
             "brake_power": power["brake"],
-            "capacitor_power": power["capacitor"],
-        },
-    )
-
-
-def empty_table(joint_names: Sequence[str]) -> TimeSeries:
-    """Return the columns of `sample_table` without a row and without a meter."""
-    shape = (0, len(joint_names))
-    names = [name for name in UNITS if name not in MEASURED]
-    first = names.index("joint_shaft_power")
-    return TimeSeries(
-        np.empty(0, dtype=np.int64),
-        {name: np.empty(0, dtype=WHOLE.get(name)) for name in names[:first]},
-        {name: np.empty(shape) for name in names[first:]},
-        tuple(joint_names),
-        {name: UNITS[name] for name in names},
-    )
-
-
-def _table(
-    block: PowerBlock | MeanBlock,
-    joint_names: Sequence[str],
-    compared: Sequence[Compared] | None,
-    unmodelled: Collection[str],
-    joints: tuple[Float, Float, Float, Float],
-    cabinet: dict[str, Float],
-) -> TimeSeries:
-    """Columns in the order of ``UNITS``; `joints` are rigid, friction, drive loss and shaft."""
-    rigid, friction, loss, shaft = joints
+        }
     loss = known_part("drive_loss", loss, unmodelled)
-    known: dict[str, Any] = {
-        **cabinet,
-        "capacitor_power": known_part("capacitor", cabinet["capacitor_power"], unmodelled),
-        "predicted_power_std": power_std(np.asarray(block.deviation)),
+    known |= {
         **({} if compared is None else _measured(block.stamp_ns, compared)),
+        "predicted_power_std": power_std(np.asarray(block.deviation)),
+        "capacitor_power": known_part("capacitor", capacitor, unmodelled),
         "rigid_power": sum_over_joints(rigid),
         "friction_power": sum_over_joints(friction),
         "drive_loss": sum_over_joints(loss),
@@ -145,13 +99,26 @@ def _table(
         "motor_temperature_degc": block.motor_temperature_degc,
         "viscous_friction": block.viscous,
     }
-    units = {name: unit for name, unit in UNITS.items() if name in known}
+    return _table(
+        block.stamp_ns, {name: known[name] for name in UNITS if name in known}, joint_names
+    )
+
+
+def _empty_table(joint_names: Sequence[str]) -> TimeSeries:
+    names = [name for name in UNITS if name not in MEASURED]
+    first = names.index("joint_shaft_power")
+    columns = {name: np.empty(0, dtype=WHOLE.get(name)) for name in names[:first]}
+    joints = {name: np.empty((0, len(joint_names))) for name in names[first:]}
+    return _table(np.empty(0, dtype=np.int64), columns | joints, joint_names)
+
+
+def _table(stamp_ns: Int, columns: dict[str, Any], joint_names: Sequence[str]) -> TimeSeries:
     return TimeSeries(
-        block.stamp_ns,
-        {name: known[name] for name in units if known[name].ndim == 1},
-        {name: known[name] for name in units if known[name].ndim == 2},
+        stamp_ns,
+        {name: values for name, values in columns.items() if values.ndim == 1},
+        {name: values for name, values in columns.items() if values.ndim == 2},
         tuple(joint_names),
-        units,
+        {name: UNITS[name] for name in columns},
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from robot_energy.messages.payload import PayloadReader
 from robot_energy.pipeline import TorqueStage
 from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.recorded_jobs import RecordedJobs
-from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import Topics
 from robot_energy.timeline.blocks import JointBlock, MeterBlock, TemperatureBlock, TorqueBlock
 
 if TYPE_CHECKING:
@@ -76,18 +76,15 @@ class LoadIngest:
 
 @dataclass
 class BagInputs:
-    """What reads a bag, and has counted what it read.
-
-    Attributes:
-        problems: What was wrong with the bag, one sentence each.
-        auxiliary: Accounting of meters and states of auxiliary loads, by load.
-    """
+    """What reads a bag, and has counted what it read."""
 
     joint_states: JointStateIngest
     temperatures: TemperatureIngest
     meter: MeterIngest
-    problems: list[str]
-    auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
+    problems: Annotated[list[str], "What was wrong with the bag, one sentence each."]
+    auxiliary: Annotated[
+        dict[str, LoadIngest], "Accounting of meters and states of auxiliary loads, by load."
+    ] = field(default_factory=dict[str, LoadIngest])
 
 
 @dataclass
@@ -122,11 +119,7 @@ def read_steps(
     by_second: bool,
     jobs: RecordedJobs,
 ) -> Generator[BagStep]:
-    """Yield steps without torque, a part of the bag each; the last one has the inputs.
-
-    Args:
-        spans: From when to when each topic is read; all of it where it is not named. [ns]
-    """
+    """Yield steps without torque, a part of the bag each; the last one has the inputs."""
     metered = tuple(inputs.meter.source.topics) if topics.meter else ()
     states = topics.joint_states or ()
     auxiliary = [
@@ -172,11 +165,7 @@ def read_steps(
 def torque_steps(
     steps: Iterator[BagStep], stage: TorqueStage, payload: PayloadReader, whole: bool
 ) -> Generator[BagStep]:
-    """Yield the steps with torque; the last one has both stages.
-
-    Args:
-        whole: Whether the joint side is of use to anybody; it is left out otherwise.
-    """
+    """Yield the steps with torque, ``whole`` with its joint side; the last one has both stages."""
     for step in steps:
         if step.payload is not None:
             known = len(payload.changes)

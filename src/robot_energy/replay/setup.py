@@ -1,22 +1,114 @@
-"""A replay as it is set up, from the options of the verbs or by the library itself."""
+"""A replay as it is set up, by options of verbs or by the library; which topics it reads."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 from robot_energy.accounting.record import Calibrated
+from robot_energy.bag import BagReader
 from robot_energy.bag.reader import TimeRange
 from robot_energy.condition.learner import ConditionRecord
+from robot_energy.foundation.described import Described
+from robot_energy.foundation.errors import BagError, MissingTopicError, ParameterError
+from robot_energy.inputs.bag_topics import resolve
+from robot_energy.inputs.inputs_file import read_inputs
+from robot_energy.inputs.joint_states.decode import JOINT_STATE
 from robot_energy.inputs.sources import Inputs, JointStateSource
+from robot_energy.messages.payload import PAYLOAD
+from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Settings
-from robot_energy.replay.inputs import driver_inputs, effort_meaning, member_named
+from robot_energy.presets import ROBOTS
 from robot_energy.replay.options import NONE, ReplayOptions
 from robot_energy.replay.recorded_jobs import Job, load_jobs
-from robot_energy.replay.replay_topics import Topics
-from robot_energy.timeline.blocks import Learning
+from robot_energy.timeline.blocks import EffortMeaning, Learning
+
+Member = TypeVar("Member", bound=StrEnum)
+ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipped one
+
+
+def model_of(model: ModelName) -> RobotModel:
+    """Return a model, loaded if it is a name."""
+    return model if isinstance(model, RobotModel) else load(model)
+
+
+def effort_meaning(effort: str) -> EffortMeaning:
+    """Return what the effort in the joint states means."""
+    return member_named(EffortMeaning, "effort", effort)
+
+
+def member_named(kind: type[Member], what: str, name: str) -> Member:
+    """Return the member of an enumeration."""
+    if name not in tuple(kind):
+        raise ParameterError(f"{what} is '{name}'", f"one of {', '.join(kind)}")
+    return kind(name)
+
+
+def driver_inputs(path: str | Path | None, robot: str | None) -> tuple[Inputs | None, list[str]]:
+    """Return the inputs of a robot in `ROBOTS`, those of a file over them, and misspelt names."""
+    if robot is None:
+        return (None, []) if path is None else read_inputs(path)
+    preset = ROBOTS[robot]
+    return read_inputs(preset.inputs) if path is None else read_inputs(path, preset)
+
+
+class Topics(Described):
+    """Which topics of a bag to use; None means to find them by their type."""
+
+    joint_states: Annotated[
+        tuple[str, ...] | None, "Topics of the joint states; several where each brings some joints."
+    ] = None
+    temperatures: Annotated[
+        tuple[str, ...] | None, "Topics of motor temperatures; empty for none."
+    ] = None
+    meter: Annotated[str | None, "The topic of the power meter."] = None
+    payload: Annotated[str | None, "The topic of payloads set at run time; empty for none."] = None
+
+
+def find_topics(bag: BagReader, wanted: Topics, inputs: Inputs | None = None) -> Topics:
+    """Return the topics to use in a bag; those of temperatures and meter stay as named."""
+    if not bag.topics and bag.problems:
+        raise BagError(
+            f"{bag.path} holds no message that can be read: {bag.problems[0]}",
+            "a whole bag",
+            "copy it again; a recorder that is killed loses what it has not written yet",
+        )
+    joints = wanted.joint_states or ()
+    if not joints and inputs is not None:
+        full = [resolve(bag, topic) for topic in inputs.joint_states.topics]
+        joints = tuple(topic for topic in full if topic is not None)
+    for topic in joints:
+        bag.require(topic, (JOINT_STATE,))
+    option = "--joint-states, or as joint_states.topics in a parameter file (--inputs)"
+    joints = joints or _found(bag, JOINT_STATE, "joint states", option)
+    if not joints:
+        raise MissingTopicError(
+            f"{bag.path} has no topic of joint states",
+            f"a topic of type {JOINT_STATE}",
+            f"it has {', '.join(sorted(bag.topics)) or 'no topics'}",
+        )
+    payload = wanted.payload or None
+    if payload is not None:
+        bag.require(payload, (PAYLOAD,))
+    elif wanted.payload is None:
+        payload = next(iter(_found(bag, PAYLOAD, "payloads", "--payload")), None)
+    return Topics(joints, wanted.temperatures, wanted.meter, payload)
+
+
+def _found(bag: BagReader, msgtype: str, what: str, option: str) -> tuple[str, ...]:
+    """The topic of a type; none where the bag has none."""
+    found = sorted(topic for topic, info in bag.topics.items() if info.msgtype == msgtype)
+    if len(found) > 1:
+        raise MissingTopicError(
+            f"{bag.path} has several topics of {what}: {', '.join(found)}",
+            "one",
+            f"name it with {option}",
+        )
+    return tuple(found)
+
 
 GAPS = ("max_gap", "meter_max_gap")
 
@@ -50,12 +142,7 @@ class ReplaySetup:
 
     @classmethod
     def of(cls, options: ReplayOptions) -> ReplaySetup:
-        """Return what options mean.
-
-        Args:
-            options: As they were given; None counts as not given. Without a ``power_period`` there
-                are no means, unless they are needed.
-        """
+        """Return what options mean; without ``power_period`` there are no means unless needed."""
         given: dict[str, Any] = {key: one for key, one in options.items() if one is not None}
 
         def chosen(*names: str) -> dict[str, Any]:

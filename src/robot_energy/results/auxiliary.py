@@ -67,11 +67,7 @@ def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None
 
 
 def missing_sentences(report: AuxiliaryReport | None) -> list[str]:
-    """Return a sentence for each load whose power is not known all the time.
-
-    Args:
-        report: The loads; None for none.
-    """
+    """Return a sentence for each load whose power is not known all the time."""
     return [
         f"the power of {load.name} is not known for {load.missing_ns * NANOSECOND:.3f} s of the "
         "observed time: its energy there is not counted"

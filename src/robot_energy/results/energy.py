@@ -7,14 +7,59 @@ from typing import Annotated, Any
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.exact_sum import PER_JOULE
 from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, Registers
-from robot_energy.certainty.band import Z90, energy_std, energy_variances
-from robot_energy.certainty.deviation import names_of
+from robot_energy.certainty.deviation import Z90, energy_std, energy_variances, names_of
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.model import ModelUsed, model_used
-from robot_energy.results.normalised import NormalisedEnergy
+from robot_energy.pipeline.work_sums import WorkSums
+from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation, Phase, Quality, known_part
+
+
+class PartEnergy(Result):
+    """Jobs, cycles or repetitions of one kind: what one part costs."""
+
+    name: Annotated[str, "Of the job or cycle; of the program for its repetitions."]
+    count: Annotated[int, "How many."]
+    energy: Annotated[float, "Mean energy of one from the grid. [J]"]
+
+
+class NormalisedEnergy(Result):
+    """Energy from the grid over what was done with it."""
+
+    tool_path: Annotated[
+        Number, "Path of the frame ``tool0``; None for a robot without it. [m]"
+    ]  # fmt: skip
+    energy_per_metre: Annotated[Number, "Net energy from the grid over that path. [J/m]"]
+    body_work: Annotated[float, "Work that lifted and accelerated the bodies, when it did. [J]"]
+    body_work_share: Annotated[
+        Number, "That work over the net energy from the grid; bodies give a part back. [-]"
+    ]
+    parts: Annotated[tuple[PartEnergy, ...], "Energy of one part, by its kind; empty if not known."]
+
+
+def normalised_energy(
+    work: WorkSums, net: float, parts: Sequence[tuple[str, float]] = ()
+) -> NormalisedEnergy:
+    """Return what the energy comes to per metre, and per part.
+
+    Args:
+        net: From the grid, less what was returned. [J]
+        parts: Name and energy of each. [J]
+    """
+    kinds: dict[str, list[float]] = {}
+    for name, energy in parts:
+        kinds.setdefault(name, []).append(energy)
+    return NormalisedEnergy(
+        tool_path=work.tool_path,
+        energy_per_metre=net / work.tool_path if work.tool_path > 0 else math.nan,
+        body_work=work.body_work,
+        body_work_share=work.body_work / net if net > 0 else math.nan,
+        parts=tuple(
+            PartEnergy(name, len(found), math.fsum(found) / len(found))
+            for name, found in kinds.items()
+        ),
+    )
+
 
 BALANCE_RELATIVE = 1e-9
 
@@ -245,11 +290,7 @@ def common_figures(
 
 
 def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakdown:
-    """Return where the energy went, and whether the parts sum to what the grid gave.
-
-    Args:
-        unmodelled: Parts that the model lacks, as `RobotModel.unmodelled`.
-    """
+    """Return where the energy went, and whether the parts sum to what the grid gave."""
     cabinet = {name: registers.cabinet(name) for name in CABINET_REGISTERS}
     joints = {
         name: math.fsum(registers.joints(name).tolist())
@@ -294,11 +335,7 @@ def _joints_of(
 
 
 def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave.
-
-    Args:
-        energy: The parts, with what is left of the balance. [J]
-    """
+    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
     if energy.balanced:
         return []
     return [

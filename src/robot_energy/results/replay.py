@@ -1,32 +1,109 @@
 """A replay: every figure that terminal, JSON and pages show of it."""
 
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
+from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.registers import interval_fields
+from robot_energy.model import RobotModel
 from robot_energy.physics.urdf.checks import parse
 from robot_energy.physics.urdf.moving_joints import mimic_remarks
 from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.replay.bag_replay import Replay
-from robot_energy.replay.replay_topics import Topics
+from robot_energy.replay.setup import Topics
 from robot_energy.results.auxiliary import (
     AuxiliaryReport,
     auxiliary_report,
     missing_sentences,
 )
 from robot_energy.results.base import Number, Result
-from robot_energy.results.condition import ConditionReport, condition_report
 from robot_energy.results.energy import (
     EnergyReport,
     MeterComparison,
     common_figures,
     comparison_of,
+    normalised_energy,
     unbalanced,
 )
-from robot_energy.results.normalised import normalised_energy
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning
+
+
+class LearnedJoint(Result):
+    """Friction of one joint against the model file, from measured torque."""
+
+    name: Annotated[str, "Name of the joint."]
+    multiplier: Annotated[
+        Number,
+        "Measured over model friction, mean over speeds and temperatures, within its bounds; "
+        "None where nothing is known. [-]",
+    ]
+    multiplier_raw: Annotated[Number, "Multiplier of the newest minute of motion. [-]"]
+    valid: Annotated[bool, "Whether it can be used."]
+    motion: Annotated[float, "Time in motion from which it was learned. [s]"]
+    records: Annotated[int, "Records of motion that the test for wear keeps."]
+
+
+class WearFinding(Result):
+    """A lasting change of friction."""
+
+    joint: Annotated[str, "Its name; empty for the whole robot, as one power meter sees it."]
+    fell: Annotated[bool, "Whether friction has fallen, as after re-greasing; else it has risen."]
+    change: Annotated[float, "Friction now over that of the first records, less 1. [-]"]
+    change_std: Annotated[Number, "Its standard deviation. [-]"]
+    since_ns: Annotated[int | None, "When the change began. [ns since 1970]"]
+    certainty: Annotated[float, "Probability that it is not chance. [-]"]
+    sentence: Annotated[str, "The same in words."]
+
+
+class ConditionReport(Result):
+    """Learned figures and lasting changes of friction."""
+
+    learning: Annotated[
+        str, "What was done with learned figures: ``off``, ``observe`` or ``apply``."
+    ]
+    joints: Annotated[tuple[LearnedJoint, ...], "Joints in model order."]
+    friction_factor: Annotated[
+        float, "On the friction of joints without torque, from the meter. [-]"
+    ]
+    loss_offset: Annotated[float, "Added to the constant losses, from the meter. [W]"]
+    meter_valid: Annotated[bool, "Whether both can be used."]
+    wear: Annotated[tuple[WearFinding, ...], "Lasting changes; empty while there are none."]
+
+
+def condition_report(learner: ConditionLearner, model: RobotModel) -> ConditionReport:
+    """Return what was learned by now."""
+    friction, factor = learner.friction, learner.meter.filtered
+    time = friction.sums[2].sum(axis=(0, 2, 3)).tolist()
+    rows = zip(
+        model.joint_names,
+        friction.filtered.tolist(),
+        friction.raw.tolist(),
+        friction.valid.tolist(),
+        time,
+        [len(test.records) for test in learner.wear.joints],
+        strict=True,
+    )
+    return ConditionReport(
+        str(learner.learning),
+        tuple(LearnedJoint(*row) for row in rows),
+        *factor,
+        learner.meter.valid,
+        tuple(
+            WearFinding(
+                alarm.joint,
+                alarm.drift.fell,
+                alarm.drift.size,
+                alarm.drift.std,
+                alarm.drift.since_ns,
+                alarm.sure,
+                alarm.sentence,
+            )
+            for alarm in learner.wear.alarms
+        ),
+    )
+
 
 LITTLE = 0.5  # share of the recorded time, below which that is said [-]
 
@@ -135,18 +212,16 @@ class ReplayReport(EnergyReport, name="replay"):
 def replay_report(
     result: Replay, change: str | None = None, compared_with: ReplayReport | None = None
 ) -> ReplayReport:
-    """Return all figures of a replay.
-
-    Args:
-        change: What was changed about the model, for example fixed friction.
-    """
+    """Return all figures of a replay."""
     account, topics = result.account, result.topics
     learner = result.pipeline.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
     gears = np.where(learner.thermal.gears, learner.thermal.friction_degc, np.nan).tolist()
     common = common_figures(account, result.model, temperature, change, gears)
     inputs, auxiliary = _inputs(result), auxiliary_report(result.account.auxiliary)
-    jobs = _jobs(result)
+    names, calibration = result.model.joint_names, account.calibration
+    jobs = tuple(_job(interval_fields(one, names, calibration)) for one in result.jobs.closed)
+    time, torque = account.registers.time, result.pipeline.torque
     return ReplayReport(
         **common,
         normalised=normalised_energy(
@@ -157,10 +232,17 @@ def replay_report(
         topics=replace(
             topics, joint_states=topics.joint_states or (), temperatures=topics.temperatures or ()
         ),
-        time=_time(result),
+        time=ObservedTime(
+            *(time.start_ns, time.end_ns, time.span_ns, time.observed_ns, time.gap_ns),
+            *(time.gap_count, time.jumps, time.coverage, time.observed_ns * NANOSECOND),
+        ),
         comparison=comparison_of(account, result.model, result.power_error),
         shaft=None if result.effort is EffortMeaning.NONE else _shaft(result),
-        payload=_payload(result) if topics.payload else None,
+        payload=PayloadHistory(
+            tuple(result.payload.changes), len(torque.coming_payloads), torque.robot.payload_mass
+        )
+        if topics.payload
+        else None,
         inputs=inputs,
         problems=(
             *result.problems,
@@ -180,40 +262,14 @@ def replay_report(
     )
 
 
-def _jobs(result: Replay) -> tuple[JobFigures, ...]:
-    names, calibration = result.model.joint_names, result.account.calibration
-    rows = [interval_fields(one, names, calibration) for one in result.jobs.closed]
-    return tuple(
-        JobFigures(
-            name=row["name"],
-            start_ns=row["start_ns"],
-            end_ns=row["end_ns"],
-            time=row["observed_time"],
-            gap_time=row["gap_time"],
-            energy=row["predicted_import_energy"] - row["predicted_return_energy"],
-            energy_band=row["predicted_energy_band"],
-            peak_grid_power=row["predicted_peak_power"],
-            predicted_energy_at_meter=row["predicted_energy_at_meter"],
-            measured_energy=row["measured_energy"],
-            compared_time=row["comparison_time"],
-        )
-        for row in rows
+def _job(row: dict[str, Any]) -> JobFigures:
+    row["energy"] = row["predicted_import_energy"] - row["predicted_return_energy"]
+    keys = (
+        *("name", "start_ns", "end_ns", "observed_time", "gap_time", "energy"),
+        *("predicted_energy_band", "predicted_peak_power", "predicted_energy_at_meter"),
+        *("measured_energy", "comparison_time"),
     )
-
-
-def _time(result: Replay) -> ObservedTime:
-    time = result.account.registers.time
-    return ObservedTime(
-        start_ns=time.start_ns,
-        end_ns=time.end_ns,
-        span_ns=time.span_ns,
-        observed_ns=time.observed_ns,
-        gap_ns=time.gap_ns,
-        gap_count=time.gap_count,
-        backward_jumps=time.jumps,
-        coverage=time.coverage,
-        observed_time=time.observed_ns * NANOSECOND,
-    )
+    return JobFigures(*(row[key] for key in keys))
 
 
 def _shaft(result: Replay) -> ShaftComparison:
@@ -240,15 +296,6 @@ def _shaft(result: Replay) -> ShaftComparison:
             )
         )
     return ShaftComparison(str(result.effort), tuple(joints))
-
-
-def _payload(result: Replay) -> PayloadHistory:
-    stage = result.pipeline.torque
-    return PayloadHistory(
-        changes=tuple(result.payload.changes),
-        not_reached=len(stage.coming_payloads),
-        last_mass=stage.robot.payload_mass,
-    )
 
 
 def _inputs(result: Replay) -> dict[str, InputAccount]:

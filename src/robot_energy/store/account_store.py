@@ -19,17 +19,11 @@ from robot_energy.accounting.record import (
 from robot_energy.foundation.errors import RegisterError, StateFileError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
-from robot_energy.store.envelope import follows, is_newer
-from robot_energy.store.slot_store import SlotStore, Submit, at_once
-from robot_energy.store.slots import SlotPair, Stored
+from robot_energy.store.slots import SlotPair, SlotStore, Stored, Submit, at_once, follows, is_newer
 
 
 def identity_of(model: RobotModel, node: str = "") -> Identity:
-    """Return whose registers a node counts with a model.
-
-    Args:
-        node: Full name of the node; empty for none.
-    """
+    """Return whose registers a node counts with a model; a replay has no name of a node."""
     return Identity(
         robot_type=model.robot.type,
         robot_serial=model.robot.serial or "",
@@ -59,13 +53,7 @@ def load_account(
     submit: Submit = at_once,
     node: str = "",
 ) -> AccountStore:
-    """Return the account store of a robot.
-
-    Args:
-        folder: Where the state files lie; None keeps nothing.
-        submit: Does work on the disk; jobs must run one after the other.
-        node: Full name of the node that counts; its files are its own. Empty for none.
-    """
+    """Return the account store of a robot; without a folder it keeps nothing."""
     identity = identity_of(model, node)
     slots = None
     if folder is not None:

@@ -13,19 +13,11 @@ from robot_energy.condition.record import FORMAT_VERSION, THERMAL_VERSION, Therm
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import file_name_of, identity_of
-from robot_energy.store.slot_store import SlotStore, Submit, at_once
-from robot_energy.store.slots import SlotPair, Stored
+from robot_energy.store.slots import SlotPair, SlotStore, Stored, Submit, at_once
 
 
 class ConditionStore(SlotStore[Any]):
-    """Keeps learned figures in state files, or estimated temperatures.
-
-    Args:
-        model: The robot's model; another model file has other state files.
-        folder: Where they lie; None keeps nothing.
-        submit: Does work on the disk; jobs must run one after the other.
-        node: Full name of the node that learns. Empty for none.
-    """
+    """Keeps learned figures or estimated temperatures in state files; without a folder, nothing."""
 
     def __init__(
         self,

@@ -3,6 +3,12 @@
 A write goes to the older slot and is synced before it counts, so that whatever ends the
 process or the power, the other slot still holds the state before. One process writes: it
 holds a lock (flock) on a third file, which the kernel gives back when the process ends.
+
+A line with format, sequence number, length and CRC-32 guards the JSON behind it; the CRC covers
+the line as well. ``head -1`` shows it, ``tail -n +2`` gives plain JSON.
+
+Each is a regular file, no link and nothing that blocks: whoever can put a link there would
+decide what is overwritten. The folder itself may be a link, which its user has set.
 """
 
 from __future__ import annotations
@@ -10,24 +16,108 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import re
+import stat
+import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar, cast
 
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.foundation.files.placement import sync_folder
-from robot_energy.store.envelope import (
-    MAX_BYTES,
-    MAX_LINE,
-    follows,
-    is_newer,
-    open_unlinked,
-    read_regular,
-    unwrap,
-    wrap,
+
+SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
+
+
+def open_unlinked(path: Path, flags: int, mode: int = 0o644) -> int:
+    """Return the descriptor of a regular file.
+
+    Raises:
+        OSError: If it cannot be opened, or is a link, pipe, device or folder.
+    """
+    try:
+        file = os.open(path, flags | SAFE, mode)
+    except OSError as error:
+        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+            raise OSError(error.errno, "is not a regular file", str(path)) from error
+        raise
+    if stat.S_ISREG(os.fstat(file).st_mode):
+        return file
+    os.close(file)
+    raise OSError(errno.EINVAL, "is not a regular file", str(path))
+
+
+def read_regular(path: Path, limit: int) -> bytes | None:
+    """Return the content of a regular file; None where there is nothing.
+
+    Raises:
+        OSError: If it cannot be read, is not a regular file or is larger.
+    """
+    try:
+        file = open_unlinked(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return None
+    with os.fdopen(file, "rb") as opened:
+        if os.fstat(file).st_size > limit:
+            raise OSError(errno.EFBIG, f"has over {limit} bytes", str(path))
+        return opened.read(limit)
+
+
+MAGIC = "robot-energy-registers"
+MAX_BYTES = 16 * 1024 * 1024  # of a payload; 49 totals of a thousand joints
+MAX_SEQUENCE = 10**18 - 1  # the number after it is 1
+MAX_LINE = 200
+_LINE = re.compile(
+    rb"robot-energy-registers version=(\d{1,9}) sequence=(\d{1,18}) bytes=(\d{1,9}) "
+    rb"crc32=([0-9a-f]{8})\n"
 )
+
+
+def wrap(version: int, sequence: int, payload: bytes) -> bytes:
+    """Return the content of a state file."""
+    if len(payload) > MAX_BYTES:
+        raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
+    line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
+    check = zlib.crc32(payload, zlib.crc32(line))
+    return line + f" crc32={check:08x}\n".encode() + payload
+
+
+def follows(sequence: int) -> int:
+    """Return the sequence number after one; after the largest comes 1."""
+    return sequence % MAX_SEQUENCE + 1
+
+
+def is_newer(sequence: int, other: int) -> bool:
+    """Whether a sequence number comes after another, also where the numbers began again at 1."""
+    return sequence != other and (sequence - other) % MAX_SEQUENCE < MAX_SEQUENCE // 2
+
+
+def unwrap(version: int, content: bytes) -> tuple[int, bytes]:
+    """Return sequence number and payload of a state file.
+
+    What stands behind the payload is ignored: a shorter state may lie over a longer one.
+    """
+    if not content:
+        raise StateFileError("an empty file", "a state file")
+    found = _LINE.match(content[:MAX_LINE])
+    if found is None:
+        raise StateFileError("a file without the first line of a state file", "a state file")
+    number, sequence, size = (int(found[group]) for group in (1, 2, 3))
+    payload = content[found.end() : found.end() + size]
+    if len(payload) < size:
+        raise StateFileError(f"a file cut after {len(payload)} bytes", f"{size}")
+    if wrap(number, sequence, payload) != content[: found.end() + size]:
+        raise StateFileError("a damaged file, whose CRC does not fit", "the CRC in its first line")
+    if number != version:
+        raise StateFileError(
+            f"a state file of format {number}", f"format {version}", "use the release that wrote it"
+        )
+    return sequence, payload
+
 
 T = TypeVar("T")
 MAX_ASIDE = 20  # damaged files kept next to the slots
@@ -35,25 +125,15 @@ MAX_ASIDE = 20  # damaged files kept next to the slots
 
 @dataclass(frozen=True)
 class Stored(Generic[T]):
-    """What was found in a folder.
+    """What was found in a folder."""
 
-    Attributes:
-        value: The newest state, or None where there is none.
-        sequence: Its number; 0 where there is none.
-    """
-
-    value: T | None
-    sequence: int
+    value: Annotated[T | None, "The newest state, or None where there is none."]
+    sequence: Annotated[int, "Its number; 0 where there is none."]
     notices: tuple[str, ...]
 
 
 class SlotPair(Generic[T]):
-    """The state files of one robot.
-
-    Args:
-        folder: Where they lie; it is made if it does not exist.
-        read: Turns a payload into a state; raises `StateFileError` if it cannot.
-    """
+    """The state files of one robot; ``read`` may raise `StateFileError` for a payload."""
 
     def __init__(self, folder: Path, name: str, version: int, read: Callable[[bytes], T]) -> None:
         self.folder = folder
@@ -241,3 +321,102 @@ def _write_all(file: int, content: bytes) -> None:
     done = 0
     while done < len(content):
         done += os.pwrite(file, content[done:], done)
+
+
+T = TypeVar("T")
+Submit = Callable[[Callable[[], Any]], "Future[Any]"]
+
+
+def at_once(job: Callable[[], Any]) -> Future[Any]:
+    """Return the finished future of a job done now; it holds a `StateFileError` that it raised."""
+    future: Future[Any] = Future()
+    try:
+        future.set_result(job())
+    except StateFileError as error:
+        future.set_exception(error)
+    return future
+
+
+class SlotStore(ABC, Generic[T]):
+    """Keeps something in state files.
+
+    Args:
+        slots: The state files; None keeps nothing.
+        submit: Does work on the disk; jobs must run one after the other.
+
+    Attributes:
+        trouble: Why nothing can be kept at present, and what to do; empty while all is well.
+        remedy: What to do about it, where that is known.
+        notices: What the user should know, oldest first; take them out.
+    """
+
+    def __init__(self, slots: SlotPair[T] | None, submit: Submit) -> None:
+        self.trouble = self.cause = self.remedy = ""
+        self.failures = self.checkpoints = 0
+        self.notices: list[str] = []
+        self._slots, self._submit = slots, submit
+        self._pending: Future[Any] | None = None
+
+    @abstractmethod
+    def _payload(self) -> bytes | None:
+        """Return what to write; None for nothing yet."""
+
+    @abstractmethod
+    def _adopt(self, stored: Stored[T]) -> None:
+        """Continue from what is on disk."""
+
+    def begin(self) -> bool:
+        """Whether a write of what there is to keep was begun; an absent folder is tried again."""
+        slots = self._slots
+        if slots is None or self._pending is not None:
+            return False
+        if not slots.held:
+            self._pending = self._submit(slots.acquire)
+            return False
+        payload = self._payload()
+        if payload is not None:
+            self._pending = self._submit(lambda: slots.write(payload))
+        return payload is not None
+
+    def poll(self) -> bool | None:
+        """Return whether the disk's work succeeded; None if there is nothing to report."""
+        if self._pending is None or not self._pending.done():
+            return None
+        job, self._pending = self._pending, None
+        try:
+            result = job.result()
+            if isinstance(result, Stored):
+                stored = cast("Stored[T]", result)
+                self.notices += stored.notices
+                self._adopt(stored)
+                return None
+        except StateFileError as error:
+            self.failures += 1
+            self.trouble, self.remedy = str(error), error.remedy
+            self.cause = str(StateFileError(error.found, error.expected))
+            return False
+        self.checkpoints += 1
+        self.trouble = self.cause = self.remedy = ""
+        return True
+
+    def open(self, patience: float | None = None) -> None:
+        """Open the folder and continue from what is there, as far as that is possible.
+
+        Args:
+            patience: How long to wait for the disk; None waits for ever. [s]
+        """
+        self._finish(patience)
+        if self._slots is not None and not self._slots.held:
+            self.begin()
+            self._finish(patience)
+
+    def _finish(self, patience: float | None) -> bool | None:
+        """Wait for the work under way, and take its result."""
+        if self._pending is not None:
+            wait([self._pending], patience)
+        return self.poll()
+
+    def _release(self) -> None:
+        """Let another monitor write, unless the disk is still at work."""
+        if self._slots is not None and self._pending is None:
+            self._slots.release()

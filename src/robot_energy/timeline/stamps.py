@@ -60,11 +60,7 @@ def bounded(stamp_ns: int) -> int:
 
 
 def is_valid_time(seconds: int, nanoseconds: int) -> bool:
-    """Return whether a ``builtin_interfaces/Time`` is well formed and within the range.
-
-    Args:
-        nanoseconds: Field ``nanosec``, below one second. [ns]
-    """
+    """Return whether a ``builtin_interfaces/Time`` is well formed and within the range."""
     well_formed = 0 <= nanoseconds < SECOND_NS
     return well_formed and MIN_STAMP_NS <= seconds * SECOND_NS + nanoseconds <= MAX_STAMP_NS
 

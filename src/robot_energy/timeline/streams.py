@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import Annotated, Generic
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Int, differences
 from robot_energy.timeline.stamps import B, ReorderBuffer
@@ -26,25 +27,25 @@ FIRST_PIECE = 16  # messages that are looked at one by one before all others at 
 RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is not a reset but another clock
 
 
-@dataclass(frozen=True)
-class Reach:
-    """How far a stamp may lie from the newest one of its stream and still continue it.
-
-    Attributes:
-        max_ahead_ns: At most, where the stream is slow: five median periods count. [ns]
-        behind_ns: Less than this behind it: late, not another time. [ns]
-        prompt: The first message counts at once, as it does of a state that is latched;
-            otherwise it waits for the second.
-        patient: Whether jumps that follow each other quickly need more messages.
-        confirmations: Messages in a row that make a jump of the stamps.
-    """
+class Reach(Described):
+    """How far a stamp may lie from the newest one of its stream and still continue it."""
 
     ahead_ns: int = SECOND_NS // 10
-    max_ahead_ns: int = SECOND_NS
-    behind_ns: int = SECOND_NS
-    prompt: bool = False
-    patient: bool = True
-    confirmations: int = MIN_CONFIRMATIONS
+    max_ahead_ns: Annotated[
+        int, "At most, where the stream is slow: five median periods count. [ns]"
+    ] = SECOND_NS
+    behind_ns: Annotated[int, "Less than this behind it: late, not another time. [ns]"] = SECOND_NS
+    prompt: Annotated[
+        bool,
+        "The first message counts at once, as it does of a state that is latched; otherwise it "
+        "waits for the second.",
+    ] = False
+    patient: Annotated[bool, "Whether jumps that follow each other quickly need more messages."] = (
+        True
+    )
+    confirmations: Annotated[int, "Messages in a row that make a jump of the stamps."] = (
+        MIN_CONFIRMATIONS
+    )
 
 
 SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
@@ -85,17 +86,14 @@ class EpochRun:
     first_ns: int = 0
 
 
-@dataclass(frozen=True)
-class Sorted:
-    """What became of messages. Rows count those that were held first, then those given.
-
-    Attributes:
-        held: Rows that wait for later messages; the caller puts them before the next ones.
-    """
+class Sorted(Described):
+    """What became of messages. Rows count those that were held first, then those given."""
 
     runs: list[EpochRun]
     strays: list[int] = field(default_factory=list[int])
-    held: list[int] = field(default_factory=list[int])
+    held: Annotated[
+        list[int], "Rows that wait for later messages; the caller puts them before the next ones."
+    ] = field(default_factory=list[int])
 
 
 class EpochSplitter:
@@ -229,21 +227,15 @@ class EpochSplitter:
                 self.behind += len(late)
                 self.behind_ns = -int(late[-1])
                 self.odd_ns = newest
-        self._keep(steps)
+        self._periods = np.concatenate([self._periods, steps[-HISTORY:]])[-HISTORY:]
         self._accepted += len(stamp)
         self.newest_ns = newest
         return EpochRun(None, rising=rising)
 
-    def _keep(self, periods: Int) -> None:
-        if len(periods) >= HISTORY:
-            self._periods = periods[-HISTORY:].copy()
-        elif len(periods):
-            self._periods = np.concatenate([self._periods, periods])[-HISTORY:]
-
     def _learn(self, step: int) -> None:
         """Keep a step that may be a period of the stream."""
         if 0 < step <= self._reach.max_ahead_ns:
-            self._keep(np.array([step], dtype=np.int64))
+            self._periods = np.append(self._periods, step)[-HISTORY:]
 
     def _ahead_ns(self) -> int:
         """How far ahead of the newest stamp one may lie now. [ns]"""
@@ -395,7 +387,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject or _by_caller
+        self._reject = reject or (lambda reason, count: None)
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -459,7 +451,3 @@ def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
     blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
-
-
-def _by_caller(reason: str, count: int) -> None:
-    """Leave the count to the caller."""

@@ -11,17 +11,16 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.errors import MotionError, ParameterError, RobotEnergyError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.foundation.units import DAY, JOULE_PER_KWH
 from robot_energy.model import RobotModel
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.model import model_used
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
+from robot_energy.results.base import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
 from robot_energy_fleet.advice.claims import (
     LONG_REST,
@@ -40,9 +39,9 @@ from robot_energy_fleet.advice.dataset_evidence import (
     of_all,
 )
 from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
-from robot_energy_fleet.history_tables import is_history
 from robot_energy_fleet.options import AdviseOptions
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
+from robot_energy_fleet.tables import is_history
 from robot_energy_plan.api.optimize import optimize
 from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_report.formats import percent
@@ -208,7 +207,13 @@ def advise(
         coldest = min(moving, key=lambda row: each[row].mean_degc, default=0)
         fine = _fine(names[coldest], evidence, used, named)
         if options.get("look_at_speeds", True):
-            fine["speeds"] = _speeds(names, each, used, named, options)
+            places = evenly(len(names))
+            by_bag = [speeds(names[k], each[k], used, options, named) for k in places]
+            time = [one.observed_time for one in each]
+            part = [time[k] for k in places]
+            fine["speeds"] = (
+                by_bag[0] if len(names) == 1 else of_all(by_bag, part, sum(time), len(names))
+            )
             evidence.notes += [
                 note for one in each for note in one.notes if note not in evidence.notes
             ]
@@ -266,22 +271,6 @@ def _fine(
         "speeds": None,
         "waiting_pose": waiting_pose(evidence, model),
     }
-
-
-def _speeds(
-    paths: Sequence[str],
-    each: Sequence[RecordedEvidence],
-    model: RobotModel,
-    named: str,
-    options: ReplayOptions,
-) -> Claim | None:
-    """Speeds in some of the bags, for all of them."""
-    if len(paths) == 1:
-        return speeds(paths[0], each[0], model, options, named)
-    places = evenly(len(paths))
-    claims = [speeds(paths[k], each[k], model, options, named) for k in places]
-    time = [one.observed_time for one in each]
-    return of_all(claims, [time[k] for k in places], sum(time), len(paths))
 
 
 def _sampled(

@@ -8,12 +8,13 @@ A saving is ``S = sum over the recording of (power now - power with the change) 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import Float, Int
@@ -45,32 +46,28 @@ SAME_PLACE = 0.05  # rad or m; rests nearer than this are at one place
 MIN_COMPARED = 5.0  # s of a meter at one place, from which on it counts
 
 
-@dataclass(frozen=True)
-class Claim:
-    """What one change saves in the recordings.
-
-    Attributes:
-        energy: Saved, positive where it is less. [J]
-        columns: Its change with the error of each figure, shape (K,). [J]
-        sure: ``measured``, ``predicted`` or ``assumed``: what the saving rests on at worst.
-        command: Next command; empty where there is none.
-        joint_position: Where to wait, shape (n,); None for other changes. [rad] or [m]
-        places: Of the waits that count, shape (P, n); None for other changes. [rad] or [m]
-        motor_temperature_degc: Of the warm robot, shape (n,); None for other changes. [degC]
-        state: In which to rest; None for other changes.
-    """
+class Claim(Described):
+    """What one change saves in the recordings."""
 
     name: str
-    energy: float
-    columns: Float
-    sure: str
+    energy: Annotated[float, "Saved, positive where it is less. [J]"]
+    columns: Annotated[Float, "Its change with the error of each figure, shape (K,). [J]"]
+    sure: Annotated[
+        str, "``measured``, ``predicted`` or ``assumed``: what the saving rests on at worst."
+    ]
     found: str
     change: str
-    command: str = ""
-    joint_position: Float | None = None
-    places: Float | None = None
-    motor_temperature_degc: Float | None = None
-    state: RestState | None = None
+    command: Annotated[str, "Next command; empty where there is none."] = ""
+    joint_position: Annotated[
+        Float | None, "Where to wait, shape (n,); None for other changes. [rad] or [m]"
+    ] = None
+    places: Annotated[
+        Float | None, "Of the waits that count, shape (P, n); None for other changes. [rad] or [m]"
+    ] = None
+    motor_temperature_degc: Annotated[
+        Float | None, "Of the warm robot, shape (n,); None for other changes. [degC]"
+    ] = None
+    state: Annotated[RestState | None, "In which to rest; None for other changes."] = None
 
     @property
     def half(self) -> float:
@@ -224,9 +221,6 @@ def shared_bus(evidence: RecordedEvidence, model: RobotModel) -> Claim | None:
     Without capacitors ``S = T/2 (2 E[max(D, 0)] - E[max(D_1 + D_2, 0)])``, with demands D_1, D_2 of
     two robots that both work as recorded and start independently: the share s of what is fed back.
     With them see `_share_saved`. None where a supply is regenerative, or nothing is braked.
-
-    Args:
-        evidence: Of recordings, with the demand on the bus.
     """
     if model.cabinet.regeneration_efficiency is not None or evidence.brake_energy <= 0.0:
         return None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import RobotModel
@@ -18,8 +19,7 @@ from robot_energy.replay.options import ReplayOptions
 from robot_energy_fleet.advice.claims import LONG_REST, Claim
 from robot_energy_fleet.advice.evidence import DEGC_BINS, RecordedEvidence, RecordedRest
 from robot_energy_fleet.dataset import collected, read_tables, scan
-from robot_energy_fleet.history_tables import is_history
-from robot_energy_fleet.tables import counted_twice
+from robot_energy_fleet.tables import counted_twice, is_history
 from robot_energy_report.formats import counted
 
 FULL = 0.99  # of an hour in standby: it was one rest
@@ -29,17 +29,15 @@ STUDENT = {3: 2.920, 4: 2.353, 5: 2.132}
 MIN_BAGS = min(STUDENT)
 
 
-@dataclass(frozen=True)
-class SampledBag:
-    """A bag of a dataset that is still where it was.
-
-    Attributes:
-        options: With which it is replayed: as for the dataset, but for those given now and without
-            jobs, which change no energy.
-    """
+class SampledBag(Described):
+    """A bag of a dataset that is still where it was."""
 
     address: str
-    options: dict[str, Any]
+    options: Annotated[
+        dict[str, Any],
+        "With which it is replayed: as for the dataset, but for those given now and without jobs, "
+        "which change no energy.",
+    ]
 
 
 def evenly(count: int) -> list[int]:

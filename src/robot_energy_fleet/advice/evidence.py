@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import documented
 from robot_energy.model import RobotModel
 from robot_energy.physics.drive import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
@@ -25,27 +27,18 @@ DEMAND_BINS = 2.0 * np.sinh(np.linspace(-13.0, 13.0, 801))
 """Edges of the demand on the DC bus, fine near 0, to 4e5 W either way. [W]"""
 
 
+@documented
 @dataclass
 class RecordedRest:
-    """One rest with drives on.
+    """One rest with drives on."""
 
-    Attributes:
-        start_ns: Stamp of its first sample. [ns]
-        end_ns: Stamp of its last sample. [ns]
-        energy: From the grid, predicted. [J]
-        joint_position: Where, shape (n,). [rad] or [m]
-        compared_time: Of it, covered by a meter once settled. [s]
-        measured: Over that time, at the meter. [J]
-        predicted: Over that time, at the meter's place. [J]
-    """
-
-    start_ns: int
-    end_ns: int
-    energy: float
-    joint_position: Float
-    compared_time: float = 0.0
-    measured: float = 0.0
-    predicted: float = 0.0
+    start_ns: Annotated[int, "Stamp of its first sample. [ns]"]
+    end_ns: Annotated[int, "Stamp of its last sample. [ns]"]
+    energy: Annotated[float, "From the grid, predicted. [J]"]
+    joint_position: Annotated[Float, "Where, shape (n,). [rad] or [m]"]
+    compared_time: Annotated[float, "Of it, covered by a meter once settled. [s]"] = 0.0
+    measured: Annotated[float, "Over that time, at the meter. [J]"] = 0.0
+    predicted: Annotated[float, "Over that time, at the meter's place. [J]"] = 0.0
 
     @property
     def duration(self) -> float:
@@ -60,48 +53,45 @@ SUMS = (
 """Fields of the evidence of several recordings that add up."""
 
 
+@documented
 @dataclass
 class RecordedEvidence:
-    """What recordings of one robot model show.
-
-    Attributes:
-        observed_time: Predicted. [s]
-        grid_energy: From the grid. [J]
-        brake_energy: Into the brake resistor. [J]
-        brake_columns: Change of that with the error of each figure, shape (K,). [J]
-        rest_time: In rests, those of a dataset included. [s]
-        squared_speed: Integral of the squared motor speed by 1 K of the motor temperature, while
-            the grid feeds the bus, shape (n, bins). [rad^2/s]
-        motion_time: Of each motor by temperature, shape (n, bins). [s]
-        warm_loss: Energy that drives lose more for each kelvin by which their windings are warmer,
-            by temperature, at rest too, shape (n, bins). [J/K]
-        demand: Time [s], and integral of the demand on the DC bus [J], constant losses of that side
-            included, by this demand in `DEMAND_BINS`, shape (2, bins).
-        start_ns: First sample. [ns since 1970]
-        end_ns: Last sample. [ns since 1970]
-        metered: Whether a power meter at the grid was compared.
-        places: Whether it is known where the robot rested.
-        fine: Whether the errors of every figure are known, sample by sample.
-    """
+    """What recordings of one robot model show."""
 
     recordings: int = 0
-    observed_time: float = 0.0
-    grid_energy: float = 0.0
-    brake_energy: float = 0.0
-    brake_columns: Float = field(default_factory=lambda: np.zeros(1))
+    observed_time: Annotated[float, "Predicted. [s]"] = 0.0
+    grid_energy: Annotated[float, "From the grid. [J]"] = 0.0
+    brake_energy: Annotated[float, "Into the brake resistor. [J]"] = 0.0
+    brake_columns: Annotated[
+        Float, "Change of that with the error of each figure, shape (K,). [J]"
+    ] = field(default_factory=lambda: np.zeros(1))
     rests: list[RecordedRest] = field(default_factory=list[RecordedRest])
-    rest_time: float = 0.0
-    squared_speed: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
-    motion_time: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
-    warm_loss: Float = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
-    demand: Float = field(default_factory=lambda: np.zeros((2, len(DEMAND_BINS) - 1)))
-    start_ns: int | None = None
-    end_ns: int | None = None
+    rest_time: Annotated[float, "In rests, those of a dataset included. [s]"] = 0.0
+    squared_speed: Annotated[
+        Float,
+        "Integral of the squared motor speed by 1 K of the motor temperature, while the grid feeds "
+        "the bus, shape (n, bins). [rad^2/s]",
+    ] = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    motion_time: Annotated[Float, "Of each motor by temperature, shape (n, bins). [s]"] = field(
+        default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1))
+    )
+    warm_loss: Annotated[
+        Float,
+        "Energy that drives lose more for each kelvin by which their windings are warmer, by "
+        "temperature, at rest too, shape (n, bins). [J/K]",
+    ] = field(default_factory=lambda: np.zeros((1, len(DEGC_BINS) - 1)))
+    demand: Annotated[
+        Float,
+        "Time [s], and integral of the demand on the DC bus [J], constant losses of that side "
+        "included, by this demand in `DEMAND_BINS`, shape (2, bins).",
+    ] = field(default_factory=lambda: np.zeros((2, len(DEMAND_BINS) - 1)))
+    start_ns: Annotated[int | None, "First sample. [ns since 1970]"] = None
+    end_ns: Annotated[int | None, "Last sample. [ns since 1970]"] = None
     measured_temperature: bool = False
-    metered: bool = False
+    metered: Annotated[bool, "Whether a power meter at the grid was compared."] = False
     robots: tuple[str, ...] = ()
-    places: bool = True
-    fine: bool = True
+    places: Annotated[bool, "Whether it is known where the robot rested."] = True
+    fine: Annotated[bool, "Whether the errors of every figure are known, sample by sample."] = True
     notes: list[str] = field(default_factory=list[str])
 
     @property
@@ -147,11 +137,7 @@ class EvidenceSums:
         self._compared: list[Compared] = []
 
     def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave.
-
-        Args:
-            output: Every torque sample comes once, its power sample then or later.
-        """
+        """Take what a step of the pipeline gave: a power sample comes with its torque, or later."""
         self._deviations.take(output)
         if output.torque is not None:
             self._waiting.append(output.torque)

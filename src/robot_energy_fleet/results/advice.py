@@ -2,8 +2,7 @@
 
 from typing import Annotated
 
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.model import ModelUsed
+from robot_energy.results.base import ModelUsed, Number, Result, Texts
 
 
 class AdviceBasis(Result):

@@ -10,17 +10,15 @@ from typing import Any, Literal, Unpack
 
 import numpy as np
 
-from robot_energy.certainty.prediction_errors import TorqueErrorSums
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.options import takes
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.api import FALLBACK, fixed_friction
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.inputs import ModelName, model_of
 from robot_energy.replay.options import ReplayOptions
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.model import model_used
+from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
+from robot_energy.results.base import model_used
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.provenance import sha256_of
@@ -32,7 +30,7 @@ from robot_energy_identify.results.evaluation import (
     ScoreSums,
     seen_in_fit,
 )
-from robot_energy_identify.stats.low_pass_error import LowPassTorqueError
+from robot_energy_identify.stats.torque_errors import LowPassTorqueError, TorqueErrorSums
 
 WIDER = 5.0  # window of accelerations that is tried, over that of the monitor [-]
 BETTER = 0.9  # torque error with it over that without, from which on it is worth a sentence [-]

@@ -19,7 +19,7 @@ from robot_energy.inputs.sources import Inputs
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.replay.replay_steps import LoadIngest
 from robot_energy.timeline.blocks import Float, Int, MeterBlock
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.cabinet.phase_readings import (
     BEFORE_MOTION,
     SETTLED,
@@ -181,7 +181,7 @@ def outlet_readings(
 def _pieces(topics: LoadTopics, block: MeterBlock | None, max_gap: float) -> CoveredPieces:
     """The longest stretch of a meter's curve whose stamps do not go back."""
     if block is None:
-        return CoveredPieces.empty()
+        return NO_PIECES
     limits = topics.limits
     limits = type(limits)(max_gap, limits.max_power, limits.wraps_at)
     return max(limits.pieces(block), key=len)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from robot_energy.physics.cabinet import FanStage
 from robot_energy.timeline.blocks import Float, Int, Phase
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.data.rest import still_joints, window
 
@@ -43,16 +43,17 @@ def readings_inside(
     """
     meter = recording.meter
     if meter is None:
-        return CoveredPieces.empty()
+        return NO_PIECES
     stamp = recording.power.stamp_ns
     outside = np.concatenate([[0], np.cumsum(~phase)])
-    kept = CoveredPieces.empty()
+    kept = NO_PIECES
     for part in recording.limits.pieces(meter):
         first = np.searchsorted(stamp, part.stamp_ns - after, side="left")
         last = np.searchsorted(stamp, part.end_ns + before, side="right")
         inside = (first > 0) & (last < len(stamp)) & (last > first)
         last = np.minimum(last, len(stamp))
-        kept = kept.join(part[inside & (outside[last] == outside[np.minimum(first, last)])])
+        inside &= outside[last] == outside[np.minimum(first, last)]
+        kept = CoveredPieces.concatenate([kept, part[inside]])
     return kept
 
 

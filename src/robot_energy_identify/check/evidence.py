@@ -113,6 +113,7 @@ class Evidence(Described):
         default_factory=Remarks
     )
     inputs: Annotated[Inputs, "How the recording was read."] = field(default_factory=Inputs)
+    name: Annotated[str, "Of the recording, where it is one of several."] = ""
     derived: Annotated[
         bool, "Whether velocities come from the positions, so that both say the same."
     ] = False
@@ -245,7 +246,6 @@ def moving(model: RobotModel, stamps: Int, velocity: Float) -> NDArray[np.bool_]
     """Return which samples of which joint move, shape (N, n).
 
     Args:
-        model: With what counts as standstill.
         stamps: Rising, shape (N,). [ns]
         velocity: Shape (N, n). [rad/s] or [m/s]
     """

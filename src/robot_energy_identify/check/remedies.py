@@ -29,7 +29,6 @@ def corrected(
     """Return the line that corrects quantities of some joints.
 
     Args:
-        quantities: Of ``position``, ``velocity`` and ``effort``.
         sign: 1 or -1. [-]
         scale: Factor, or one for each of ``joints``. [-]
     """

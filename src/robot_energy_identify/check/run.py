@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.bag.reader import TimeRange
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
@@ -19,6 +18,7 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.check.evidence import (
     Evidence,
     Remarks,

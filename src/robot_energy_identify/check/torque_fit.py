@@ -64,11 +64,7 @@ class Bodies(Described):
 
     @classmethod
     def of(cls, evidence: Evidence) -> Bodies:
-        """Return those of a recording.
-
-        Args:
-            evidence: Thinned.
-        """
+        """Return those of a recording."""
         robot, (position, velocity, acceleration) = evidence.robot, evidence.motion
         torque = robot.joint_torque(position, velocity, acceleration)
         still = robot.joint_torque(position, velocity, np.zeros_like(acceleration))
@@ -109,7 +105,6 @@ class TorqueFit:
     """The columns of one recording, summed up as products.
 
     Args:
-        evidence: Thinned.
         bodies: Of the same motion and robot, where they are known.
     """
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import Annotated
 
 from robot_energy.certainty.priors import figure_std
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -21,6 +23,7 @@ from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_driv
 from robot_energy_identify.drives.efficiency_map import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import (
+    BY_LEVELS,
     TotalFit,
     compare_total,
     fan_share,
@@ -34,55 +37,39 @@ from robot_energy_identify.stats.lag import Delay, applied
 AGREES = 2.0  # deviations between the power of a fan by its step and by all readings
 
 
-@dataclass(frozen=True)
-class TotalFound:
-    """What one meter for all drives determines.
-
-    Attributes:
-        held_out: ``recordings`` or ``blocks``.
-        scores: On held-out data, by way.
-        delay: Of the meter behind the joint states; undone where it is sure. None where it
-            cannot be determined, or was known before.
-        low_pass: Time constant of a low pass in the meter; likewise.
-        fan_power: Of the fan that a step in these recordings shows, by all readings; None without
-            one. [W]
-        without_fan: Score of identified losses without that fan; None without one.
-    """
+class TotalFound(Described):
+    """What one meter for all drives determines."""
 
     data: Sums
     fit: TotalFit
-    held_out: str
-    scores: dict[str, EnergyScore]
-    delay: Delay | None = None
-    low_pass: Delay | None = None
-    fan_power: float | None = None
-    without_fan: EnergyScore | None = None
+    held_out: Annotated[str, "``recordings`` or ``blocks``."]
+    scores: Annotated[dict[str, EnergyScore], "On held-out data, by way."]
+    delay: Annotated[
+        Delay | None,
+        "Of the meter behind the joint states; undone where it is sure. None where it cannot "
+        "be determined, or was known before.",
+    ] = None
+    low_pass: Annotated[Delay | None, "Time constant of a low pass in the meter; likewise."] = None
+    fan_power: Annotated[
+        float | None,
+        "Of the fan that a step in these recordings shows, by all readings; None without one. [W]",
+    ] = None
+    without_fan: Annotated[
+        EnergyScore | None, "Score of identified losses without that fan; None without one."
+    ] = None
 
 
-@dataclass(frozen=True)
-class DrivesFound:
-    """What recordings say of the drives.
+class DrivesFound(Described):
+    """What recordings say of the drives."""
 
-    Attributes:
-        drives: From the power of each drive; None without.
-        total: From one meter for all; None without.
-        delay: Of the power of the drives behind the joint states; undone where it is sure.
-    """
-
-    drives: DrivesFit | None
-    total: TotalFound | None
-    delay: Delay | None = None
+    drives: Annotated[DrivesFit | None, "From the power of each drive; None without."]
+    total: Annotated[TotalFound | None, "From one meter for all; None without."]
+    delay: Annotated[
+        Delay | None, "Of the power of the drives behind the joint states; undone where it is sure."
+    ] = None
 
     def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
-        """Return a model with these drives, and what was decided without data, one sentence each.
-
-        Args:
-            model: Any model of the same robot.
-            source: Where the data come from.
-
-        Raises:
-            NotIdentifiableError: If a drive was not identified and the model has none of it.
-        """
+        """Return a model with these drives, and what was decided without data."""
         if self.total is not None:
             model = with_response(model, self.total.low_pass, self.total.delay, source)
         if self.drives is not None:
@@ -123,12 +110,8 @@ def find_drives(
 
     Args:
         model: Of the robot; None for a log.
-        source: Where the data come from.
         cutoff: Of the low-pass of the maps. [Hz]
         in_time: Whether delay and low pass of the meters are known and undone.
-
-    Raises:
-        NotIdentifiableError: If neither power of drives nor a meter determines anything.
     """
     drives = delay = None
     if data.usable.any():
@@ -164,19 +147,24 @@ def find_drives(
 
 
 def _found_here(model: RobotModel, source: str) -> bool:
-    """Whether a step in the recordings of this source shows the fan of a model."""
+    """Whether the recordings of this source show the fan of a model."""
     fan = model.cabinet.fan
-    return fan is not None and fan.power.tag == "identified" and fan.power.source == source != ""
+    if fan is None or fan.power.tag != "identified" or not source:
+        return False
+    return fan.power.source in (source, BY_LEVELS + source)
 
 
 def _with_fan_fitted(pieces: Sums, fit: TotalFit, model: RobotModel) -> tuple[Sums, float]:
     """Readings less a fan of the power that all of them show, and that power. [W]
 
-    One that its step contradicts is not taken: other losses follow the temperature as well.
+    One that its step contradicts is not taken: other losses follow the temperature as well. By
+    levels of recordings the power of the fan comes from all readings already.
     """
     fan = model.cabinet.fan
     assert fan is not None
     assert pieces.fan is not None
+    if fan.power.source.startswith(BY_LEVELS):
+        return pieces, fan.power.value
     share = fan_share(pieces, fit.structure)
     if abs(share - 1.0) * fan.power.value > AGREES * figure_std(fan.power, "loss_grid"):
         share = 1.0

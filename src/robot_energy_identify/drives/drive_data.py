@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.physics.cabinet import FanStage
 from robot_energy.physics.drive import Drive
@@ -51,53 +51,44 @@ ALL = slice(None)
 Rows = slice | Int | NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class DriveData:
-    """Samples of all drives, motor side; NaN where something is not known.
-
-    Attributes:
-        stamp_ns: Shape (N,). [ns]
-        recording: Number of the recording of each sample, rising, shape (N,).
-        segment: A new one begins after an interruption, shape (N,).
-        motor_velocity: Shape (N, n). [rad/s]
-        motor_torque: Shape (N, n). [N m]
-        motor_temperature_degc: Of the windings, shape (N, n). [degC]
-        drive_power: Measured electrical input, shape (N, n). [W]
-        meters: Readings of each recording's power meter, None without one.
-        limits: What the user says of the readings of each.
-        braking: Where the supply does not pass on what the drives draw, shape (N,).
-        torque_share: Part of the motor torque that is off by the error of its torque constant,
-            shape (N, n); the rest comes from bodies that are given. [N m]
-        viscous_off: Power by which the viscous friction in use is off at one deviation of its law,
-            shape (N, n); None where the torque is measured. [W]
-        fan_power: Of the fan of the model, shape (N,); None without one. [W]
-    """
+class DriveData(Described):
+    """Samples of all drives, motor side; NaN where something is not known."""
 
     names: tuple[str, ...]
-    stamp_ns: Int
-    recording: Int
-    segment: Int
-    motor_velocity: Float
-    motor_torque: Float
-    motor_temperature_degc: Float
-    drive_power: Float
-    meters: tuple[MeterBlock | None, ...]
-    limits: tuple[MeterLimits, ...]
-    braking: NDArray[np.bool_]
-    torque_share: Float
+    stamp_ns: Annotated[Int, "Shape (N,). [ns]"]
+    recording: Annotated[Int, "Number of the recording of each sample, rising, shape (N,)."]
+    segment: Annotated[Int, "A new one begins after an interruption, shape (N,)."]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    motor_torque: Annotated[Float, "Shape (N, n). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Of the windings, shape (N, n). [degC]"]
+    drive_power: Annotated[Float, "Measured electrical input, shape (N, n). [W]"]
+    meters: Annotated[
+        tuple[MeterBlock | None, ...], "Readings of each recording's power meter, None without one."
+    ]
+    limits: Annotated[tuple[MeterLimits, ...], "What the user says of the readings of each."]
+    braking: Annotated[
+        NDArray[np.bool_], "Where the supply does not pass on what the drives draw, shape (N,)."
+    ]
+    torque_share: Annotated[
+        Float,
+        "Part of the motor torque that is off by the error of its torque constant, shape (N, "
+        "n); the rest comes from bodies that are given. [N m]",
+    ]
     sensors: SensorLimits = DEFAULT_LIMITS
-    viscous_off: Float | None = None
-    fan_power: Float | None = None
+    viscous_off: Annotated[
+        Float | None,
+        "Power by which the viscous friction in use is off at one deviation of its law, shape "
+        "(N, n); None where the torque is measured. [W]",
+    ] = None
+    fan_power: Annotated[
+        Float | None, "Of the fan of the model, shape (N,); None without one. [W]"
+    ] = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
 
     def samples_of(self, number: int) -> slice:
-        """Return the samples of one recording.
-
-        Args:
-            number: Of the recording.
-        """
+        """Return the samples of one recording."""
         return slice(*np.searchsorted(self.recording, (number, number + 1)).tolist())
 
     @cached_property
@@ -132,23 +123,14 @@ class DriveData:
         return self.motor_torque * self.motor_velocity
 
     def loss_columns(self, rows: Rows = ALL, joints: slice | int = ALL) -> Float:
-        """Return the columns of the loss model (`losses.loss_columns`).
-
-        Args:
-            rows: Which samples.
-            joints: Which drives.
-        """
+        """Return the columns of the loss model (`losses.loss_columns`)."""
         part = (rows, joints)
         return loss_columns(
             self.motor_velocity[part], self.motor_torque[part], self.motor_temperature_degc[part]
         )
 
     def input_power(self, drive: Drive, joints: slice = ALL) -> Float:
-        """Return the electrical power that a model of some drives says, shape (N, joints). [W]
-
-        Args:
-            joints: Which drives they are.
-        """
+        """Return the electrical power that a model of some drives says, shape (N, joints). [W]"""
         power, _ = drive.input_power(
             self.shaft_power[:, joints],
             self.motor_velocity[:, joints],
@@ -246,6 +228,9 @@ def drive_data(
     shared = torque
     if not (measured_torque or bodies_identified(recordings[0].model)):
         shared = torque - np.concatenate([part.torque.motor_torque_rigid for part in recordings])
+    fans = [
+        FanStage(part.model.cabinet).step(part.power.motor_temperature_degc) for part in recordings
+    ]
     return DriveData(
         names,
         stamp,
@@ -261,15 +246,8 @@ def drive_data(
         shared,
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
-        _fan_power(recordings),
+        np.concatenate(fans) if isinstance(fans[0], np.ndarray) else None,
     )
-
-
-def _fan_power(recordings: Sequence[Recording]) -> Float | None:
-    powers = [
-        FanStage(part.model.cabinet).step(part.power.motor_temperature_degc) for part in recordings
-    ]
-    return np.concatenate(powers) if isinstance(powers[0], np.ndarray) else None
 
 
 def _viscous_off(part: Recording) -> Float:
@@ -330,9 +308,6 @@ def drive_data_of_logs(
     Args:
         logs: What each log holds, and its rows. A log may hold several recordings, more
             than five seconds apart.
-
-    Raises:
-        LogFormatError: If the effort is not a torque, speeds are missing, or joints differ.
     """
     contents = logs[0][0]
     if unit != "newton_metre" or not contents.effort or not contents.velocity:

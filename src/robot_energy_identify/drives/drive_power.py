@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.bag import BagReader
 from robot_energy.bag.cdr import Decoder
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MissingTopicError
 from robot_energy.foundation.units import DqScaling
 from robot_energy.physics.electrical_power import electrical_power
@@ -21,19 +22,12 @@ MAX_BETWEEN = 0.1  # time between two messages of a current or voltage that is b
 ARRAYS = ("std_msgs/msg/Float64MultiArray", "std_msgs/msg/Float32MultiArray")
 
 
-@dataclass(frozen=True)
-class MeasuredDrivePower:
-    """Readings of the electrical power of all drives, in model joint order.
+class MeasuredDrivePower(Described):
+    """Readings of the electrical power of all drives, in model joint order."""
 
-    Attributes:
-        stamp_ns: Rising, shape (N,). [ns]
-        power: Positive into the drive, shape (N, n). [W]
-        refused: Messages that were malformed, of another length, or not newer.
-    """
-
-    stamp_ns: Int
-    power: Float
-    refused: int
+    stamp_ns: Annotated[Int, "Rising, shape (N,). [ns]"]
+    power: Annotated[Float, "Positive into the drive, shape (N, n). [W]"]
+    refused: Annotated[int, "Messages that were malformed, of another length, or not newer."]
 
     def at(self, stamp_ns: Int, longest: float) -> Float:
         """Return the power between readings at given instants, NaN off them, shape (K, n). [W]
@@ -53,22 +47,18 @@ class MeasuredDrivePower:
         return np.where(inside[:, None], between, np.nan)
 
 
-@dataclass(frozen=True)
-class DrivePowerTopics:
-    """Where a bag has the power of the drives: arrays with one value per drive.
+class DrivePowerTopics(Described):
+    """Where a bag has the power of the drives: arrays with one value per drive."""
 
-    Attributes:
-        topics: Of Float64MultiArray or Float32MultiArray: one with powers [W], or four with
-            currents d and q [A] and voltages d and q [V], from which the power is computed (paper
-            B eq. 1) at each message of the second.
-        joints: In the order of the values; None: as in the model.
-
-    Raises:
-        MissingTopicError: If there are neither one nor four topics.
-    """
-
-    topics: tuple[str, ...]
-    joints: tuple[str, ...] | None = None
+    topics: Annotated[
+        tuple[str, ...],
+        "Of Float64MultiArray or Float32MultiArray: one with powers [W], or four with "
+        "currents d and q [A] and voltages d and q [V], from which the power is computed "
+        "(paper B eq. 1) at each message of the second.",
+    ]
+    joints: Annotated[
+        tuple[str, ...] | None, "In the order of the values; None: as in the model."
+    ] = None
     scaling: DqScaling = "peak"
 
     def __post_init__(self) -> None:
@@ -80,9 +70,6 @@ class DrivePowerTopics:
 
     def read(self, path: str | Path, names: Sequence[str]) -> MeasuredDrivePower:
         """Read the power of the drives, by the time each message was recorded.
-
-        Args:
-            path: MCAP file or rosbag2 folder.
 
         Returns:
             The readings; NaN where a current or voltage is missing for longer than 0.1 s.
@@ -109,11 +96,7 @@ def drive_topics(
     """Return where bags have the power of the drives; None if no topic is given.
 
     Args:
-        topics: One or four, see `DrivePowerTopics`.
         joints: In the order of the values; None: as in the model.
-
-    Raises:
-        MissingTopicError: If there are neither one nor four topics.
     """
     if not topics:
         return None

@@ -8,18 +8,18 @@ the drives of the power integrated over the held-out time, braking negative (pap
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
 from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,
@@ -52,23 +52,16 @@ INSIDE = 0.6  # of the greatest speed and torque: what lies beyond is held out
 MIN_HELD_OUT = 50
 
 
-@dataclass(frozen=True)
-class AxisSamples:
-    """What was measured of one drive, motor side.
+class AxisSamples(Described):
+    """What was measured of one drive, motor side."""
 
-    Attributes:
-        motor_velocity: Shape (N,). [rad/s]
-        motor_torque: Shape (N,). [N m]
-        motor_temperature_degc: Of the winding, shape (N,). [degC]
-        drive_power: Electrical input, shape (N,). [W]
-        window: Number of the 0.1 s that each lies in, over which noise is averaged, shape (N,).
-    """
-
-    motor_velocity: Float
-    motor_torque: Float
-    motor_temperature_degc: Float
-    drive_power: Float
-    window: Int
+    motor_velocity: Annotated[Float, "Shape (N,). [rad/s]"]
+    motor_torque: Annotated[Float, "Shape (N,). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Of the winding, shape (N,). [degC]"]
+    drive_power: Annotated[Float, "Electrical input, shape (N,). [W]"]
+    window: Annotated[
+        Int, "Number of the 0.1 s that each lies in, over which noise is averaged, shape (N,)."
+    ]
 
 
 class AxisFit(Described):
@@ -132,9 +125,6 @@ def fit_drives(
         source: Where they come from, for the model file.
         cutoff: Of the low-pass of the maps. [Hz]
         compare: Test all ways on parts held out; without it the loss model is chosen.
-
-    Raises:
-        NotIdentifiableError: If no drive can be identified.
     """
     fitter = _Fitter(data, cutoff, points)
     axes = tuple(fitter.axis(joint, data.usable[:, joint], source) for joint in fitter.joints)
@@ -302,25 +292,20 @@ class _Fitter:
             return None
         weight = np.where(tested, data.duration[:, None], 0.0)
         energy = float(np.sum(weight * np.where(tested, data.drive_power, 0.0)))
-        scores = {
-            way: self._score(power, tested, weight, energy)
-            for way, power in predicted.items()
-            if np.isfinite(power[tested]).all()  # else the kind of a user has no fit here
-        }
+        scores: dict[Way, Score] = {}
+        for way, power in predicted.items():
+            if not np.isfinite(power[tested]).all():  # the kind of a user has no fit here
+                continue
+            error = np.where(tested, power - data.drive_power, np.nan)
+            square = error * error
+            axis = [
+                float(np.sqrt(np.nanmean(square[:, k]))) if tested[:, k].any() else float("nan")
+                for k in self.joints
+            ]
+            accuracy = 1.0 - abs(float(np.nansum(weight * error)) / energy)
+            scores[way] = Score(accuracy, float(np.sqrt(np.nanmean(square))), tuple(axis))
         size = rms_of(data.drive_power[tested])
         return DriveComparison(split, int(tested.sum()), energy, size, scores)
-
-    def _score(
-        self, power: Float, tested: NDArray[np.bool_], weight: Float, energy: float
-    ) -> Score:
-        error = np.where(tested, power - self.data.drive_power, np.nan)
-        total = float(np.nansum(weight * error))
-        square = error * error
-        axis = [
-            float(np.sqrt(np.nanmean(square[:, k]))) if tested[:, k].any() else float("nan")
-            for k in self.joints
-        ]
-        return Score(1.0 - abs(total / energy), float(np.sqrt(np.nanmean(square))), tuple(axis))
 
     def _predict(self, joint: int, axis: AxisFit) -> dict[Way, Float]:
         """Power of one drive at all samples, by every way. [W]"""
@@ -338,15 +323,7 @@ class _Fitter:
 
 
 def with_drives(model: RobotModel, fit: DrivesFit, source: str) -> RobotModel:
-    """Return a model with the chosen drive model; drives that were not identified keep theirs.
-
-    Args:
-        model: Any model of the same robot.
-        source: Where the data come from.
-
-    Raises:
-        NotIdentifiableError: If a drive was not identified and the model has no losses of it.
-    """
+    """Return a model with the chosen drive model; drives that were not identified keep theirs."""
     kind = DRIVE_MODELS[fit.chosen]
     joints = list(model.joints)
     for index, (joint, axis) in enumerate(zip(model.joints, fit.axes, strict=True)):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.certainty.band import MEDIAN_TO_STD
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap
@@ -135,9 +135,6 @@ def reduced_map(
         rows: Samples to use, shape (N,); the others count as missing.
         cutoff: Of the low-pass. [Hz]
         source: Where the data come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If there are too few samples, or the drive hardly moves.
     """
     shaft = torque * velocity
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -225,9 +222,5 @@ def fitted_efficiency(shaft: Float, power: Float) -> float:
 
 
 def fitted_map(axis: AxisFit, source: str) -> object:
-    """Return the entry of the efficiency map; None where the data do not determine it.
-
-    Args:
-        source: Where the data come from.
-    """
+    """Return the entry of the efficiency map; None where the data do not determine it."""
     return None if axis.map is None else axis.map.entry

@@ -15,11 +15,11 @@ import numpy as np
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import LossMap
 from robot_energy.physics.drive import equal_heat_torque, knot_cells
-from robot_energy.timeline.blocks import Float, Int
+from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT
 
 if TYPE_CHECKING:
-    from robot_energy_identify.drives.drives import AxisFit
+    from robot_energy_identify.drives.drives import AxisFit, AxisSamples
 
 KNOTS = 7  # along speed and along torque
 MIN_WINDOWS = 2 * KNOTS**2
@@ -27,25 +27,12 @@ CURVATURE = 5e-3  # weight against the RMS error: sixths of a parabola of 100 W 
 SLOPE = 1e-5  # the same, where nothing else says anything
 
 
-def fit_loss_map(
-    velocity: Float, torque: Float, degc: Float, power: Float, window: Int, source: str = ""
-) -> LossMap:
-    """Return the loss map of one drive, motor side.
-
-    Args:
-        velocity: Shape (N,). [rad/s]
-        torque: Shape (N,). [N m]
-        degc: Of the winding, shape (N,). [degC]
-        power: Measured input, shape (N,). [W]
-        window: Over which both sides are averaged, against noise: its number, rising, shape (N,).
-        source: Where the data come from, for the model file.
-
-    Raises:
-        NotIdentifiableError: If there are too few samples, or the drive stands or has no load.
-    """
+def fit_loss_map(seen: AxisSamples, source: str = "") -> LossMap:
+    """Return the loss map of one drive, motor side."""
+    velocity, torque = seen.motor_velocity, seen.motor_torque
     speed = np.abs(velocity)
-    load = equal_heat_torque(torque, degc, COPPER_COEFFICIENT)
-    row = np.unique(window, return_inverse=True)[1]
+    load = equal_heat_torque(torque, seen.motor_temperature_degc, COPPER_COEFFICIENT)
+    row = np.unique(seen.window, return_inverse=True)[1]
     count = int(row.max()) + 1 if len(row) else 0
     if count < MIN_WINDOWS or not (speed.any() and load.any()):
         raise NotIdentifiableError(
@@ -63,7 +50,7 @@ def fit_loss_map(
         for dj, wy in ((0, 1.0 - y), (1, y)):
             place = row * columns.shape[1] + (i + di) * KNOTS + j + dj
             columns += np.bincount(place, wx * wy, columns.size).reshape(columns.shape)
-    target = np.bincount(row, power - velocity * torque) / size
+    target = np.bincount(row, seen.drive_power - velocity * torque) / size
     found = _monotone(columns / size[:, None], target, speeds, loads)
     return LossMap(
         motor_velocity=[float(f"{value:.6g}") for value in speeds],
@@ -112,18 +99,5 @@ def _bend(knots: Float) -> Float:
 
 
 def fitted_loss_map(axis: AxisFit, source: str) -> LossMap | None:
-    """Return the entry of the loss map; None where the data do not determine it.
-
-    Args:
-        source: Where the data come from.
-    """
-    if (seen := axis.samples) is None:
-        return None
-    return fit_loss_map(
-        seen.motor_velocity,
-        seen.motor_torque,
-        seen.motor_temperature_degc,
-        seen.drive_power,
-        seen.window,
-        source,
-    )
+    """Return the entry of the loss map; None where the data do not determine it."""
+    return None if axis.samples is None else fit_loss_map(axis.samples, source)

@@ -61,8 +61,6 @@ class Losses(Described):
         """Return one coefficient for a model file.
 
         Args:
-            name: Of the coefficient.
-            source: Where the data come from.
             scale: By which it is multiplied. [-]
         """
         if name in self.undetermined:
@@ -70,11 +68,7 @@ class Losses(Described):
         return identified(self.values[name] * scale, self.std[name] * scale, source)
 
     def entry(self, source: str = "") -> LossDrive:
-        """Return the losses of one drive for a model file.
-
-        Args:
-            source: Where the data come from.
-        """
+        """Return the losses of one drive for a model file."""
         return LossDrive(**{name: self.figure(name, source) for name in TERMS})  # pyright: ignore
 
 
@@ -109,9 +103,6 @@ def fit_losses(
         block: Contiguous block of each sample, shape (N,).
         changes: What constant errors do to the target, of the coefficients by name.
         deviations: Whether they are wanted; else they are NaN.
-
-    Raises:
-        NotIdentifiableError: If there are too few samples or no column is excited.
     """
     if len(target) < max(MIN_SAMPLES, 2 * columns.shape[1]):
         raise NotIdentifiableError(
@@ -170,9 +161,5 @@ def _size(columns: Float) -> Float:
 
 
 def fitted_losses(axis: AxisFit, source: str) -> object:
-    """Return the entry of the loss model; None where the data do not determine it.
-
-    Args:
-        source: Where the data come from.
-    """
+    """Return the entry of the loss model; None where the data do not determine it."""
     return None if axis.losses is None else axis.losses.entry(source)

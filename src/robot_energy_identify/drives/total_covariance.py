@@ -50,11 +50,8 @@ def total_covariance(
     """Return the covariance of all losses and friction; None where the fit says nothing of them.
 
     Args:
-        data: That was fitted.
-        fit: Losses that were chosen.
         model: That the losses were written into; None of a log, with a meter at the DC bus.
         given: The model before; None of a log.
-        source: Where the data come from.
     """
     losses = fit.losses.fit
     if losses is None:

@@ -10,18 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import combinations
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import Float, Int, MeterLocation
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import NO_INFORMATION, at_bound, identified, only_the_sum
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, Losses, fit_losses
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
@@ -47,6 +48,7 @@ from robot_energy_identify.stats.systematic import (
 
 Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
 FAN = "fan"
+BY_LEVELS = "levels of recordings: "  # before the source of a fan that these show
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
 
 NO_BETTER = PositiveFigure(
@@ -54,40 +56,35 @@ NO_BETTER = PositiveFigure(
 )
 
 
-@dataclass(frozen=True)
-class TotalFit:
-    """Losses behind the readings of one meter.
-
-    Attributes:
-        constant: C. [W]
-        constant_std: [W]
-        losses: The regression behind it; its columns are named by joint and term.
-        coefficients: Copper, linear and quadratic coefficient of every joint, shape (3, n).
-        deviations: Standard deviations of them; NaN where not determined, shape (3, n).
-        errors: RMS on blocks not seen, of every structure that was tried. [W]
-        spread: Coefficients per parameter of the regression, shape (3, n, P).
-        predicted: Readings of each of five contiguous folds by every structure, fitted to the
-            others, shape (K,). [W]
-    """
+class TotalFit(Described):
+    """Losses behind the readings of one meter."""
 
     structure: Structure
-    constant: float
-    constant_std: float
-    losses: Losses
-    coefficients: Float
-    deviations: Float
-    errors: dict[Structure, float]
-    spread: Float = field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
-    predicted: dict[Structure, Float] = field(default_factory=dict[Structure, Float], repr=False)
+    constant: Annotated[float, "C. [W]"]
+    constant_std: Annotated[float, "[W]"]
+    losses: Annotated[Losses, "The regression behind it; its columns are named by joint and term."]
+    coefficients: Annotated[
+        Float, "Copper, linear and quadratic coefficient of every joint, shape (3, n)."
+    ]
+    deviations: Annotated[
+        Float, "Standard deviations of them; NaN where not determined, shape (3, n)."
+    ]
+    errors: Annotated[
+        dict[Structure, float], "RMS on blocks not seen, of every structure that was tried. [W]"
+    ]
+    spread: Annotated[Float, "Coefficients per parameter of the regression, shape (3, n, P)."] = (
+        field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
+    )
+    predicted: Annotated[
+        dict[Structure, Float],
+        "Readings of each of five contiguous folds by every structure, fitted to the others, "
+        "shape (K,). [W]",
+    ] = field(default_factory=dict[Structure, Float], repr=False)
 
 
 @one_thread
 def fit_total(data: Sums) -> TotalFit:
-    """Return the fit of the simplest structure that no other beats on blocks it has not seen.
-
-    Raises:
-        NotIdentifiableError: If not even a constant can be fitted.
-    """
+    """Return the fit of the simplest structure that no other beats on blocks it has not seen."""
     predicted: dict[Structure, Float] = {}
     fold = contiguous_folds(len(data))
     for structure in STRUCTURES:
@@ -117,9 +114,6 @@ def fit_structure(
 
     Args:
         errors: On blocks not seen, for the record. [W]
-
-    Raises:
-        NotIdentifiableError: If the readings are too few.
     """
     n_joints = len(data.names)
     columns, names, place = _columns(data, structure)
@@ -198,9 +192,6 @@ def fan_share(data: Sums, structure: Structure) -> float:
     Args:
         data: Pieces between readings, with a fan.
         structure: Of the losses that are fitted with it.
-
-    Raises:
-        NotIdentifiableError: If the readings are too few.
     """
     assert data.fan is not None
     columns, names, _ = _columns(data, structure)
@@ -220,12 +211,7 @@ def constant_errors(data: Sums, fit: TotalFit) -> list[Float]:
 
 
 def predict(data: Sums, fit: TotalFit) -> Float:
-    """Return what the meter would read, shape (K,). [W]
-
-    Args:
-        data: Pieces between readings.
-        fit: Losses behind them.
-    """
+    """Return what the meter would read, shape (K,). [W]"""
     shaft = 0.0 if fit.structure == "constant" else data.shaft
     return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 
@@ -329,9 +315,6 @@ def with_total(
     says of the grid side. Where that side is not identified, no side has a deviation of its own.
 
     Args:
-        model: Any model of the same robot.
-        place: Where the meter sits.
-        source: Where the data come from.
         meter: Standard deviation of its gain. [-]
     """
     joints = [

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.stats.cross_validation import averaged
@@ -23,45 +25,40 @@ OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recor
              "shares")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Sums:
-    """Pieces between readings of the meter, with the means of what the drives do in them.
-
-    Attributes:
-        location: Where the meter sits.
-        duration: Shape (K,). [s]
-        measured: Mean power less that of the fan, shape (K,). [W]
-        shaft: Sum of the shaft powers, shape (K,). [W]
-        terms: Copper, linear and quadratic column of every joint, shape (K, 3, n).
-        given: What the model's own drives draw, without cabinet, shape (K,). NaN without
-            a model. [W]
-        drives: Sum of the measured powers of the drives, shape (K,); NaN where unknown. [W]
-        recording: Shape (K,).
-        block: Shape (K,).
-        scale: Of each joint's coefficients where axes share them, shape (3, n).
-        shares: Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]
-        deviations: Whether a fit of it needs them, or only predicts what was held out.
-        viscous: Power by which the viscous friction of every joint is off at one deviation of its
-            law, shape (K, n); None where the torque is measured. [W]
-        fan: Power of the fan, shape (K,); None without one that the meter sees. [W]
-    """
+class Sums(Described):
+    """Pieces between readings of the meter, with the means of what the drives do in them."""
 
     names: tuple[str, ...]
-    location: MeterLocation
-    duration: Float
-    measured: Float
-    shaft: Float
-    terms: Float
-    given: Float
-    drives: Float
-    recording: Int
-    block: Int
-    scale: Float
-    shares: Float
+    location: Annotated[MeterLocation, "Where the meter sits."]
+    duration: Annotated[Float, "Shape (K,). [s]"]
+    measured: Annotated[Float, "Mean power less that of the fan, shape (K,). [W]"]
+    shaft: Annotated[Float, "Sum of the shaft powers, shape (K,). [W]"]
+    terms: Annotated[Float, "Copper, linear and quadratic column of every joint, shape (K, 3, n)."]
+    given: Annotated[
+        Float,
+        "What the model's own drives draw, without cabinet, shape (K,). NaN without a model. [W]",
+    ]
+    drives: Annotated[
+        Float, "Sum of the measured powers of the drives, shape (K,); NaN where unknown. [W]"
+    ]
+    recording: Annotated[Int, "Shape (K,)."]
+    block: Annotated[Int, "Shape (K,)."]
+    scale: Annotated[Float, "Of each joint's coefficients where axes share them, shape (3, n)."]
+    shares: Annotated[
+        Float, "Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]"
+    ]
     sensors: SensorLimits = DEFAULT_LIMITS
-    deviations: bool = True
-    viscous: Float | None = None
-    fan: Float | None = None
+    deviations: Annotated[
+        bool, "Whether a fit of it needs them, or only predicts what was held out."
+    ] = True
+    viscous: Annotated[
+        Float | None,
+        "Power by which the viscous friction of every joint is off at one deviation of its "
+        "law, shape (K, n); None where the torque is measured. [W]",
+    ] = None
+    fan: Annotated[
+        Float | None, "Power of the fan, shape (K,); None without one that the meter sees. [W]"
+    ] = None
 
     def __len__(self) -> int:
         return len(self.duration)
@@ -84,9 +81,6 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
     Args:
         model: Where coefficients are shared between axes, its own losses say in which
             ratio, else its torque constants, else they are alike. None for a log.
-
-    Raises:
-        NotIdentifiableError: If there is no meter, or too few readings during samples.
     """
     place = location(data)
     if place is None:
@@ -171,13 +165,10 @@ def joined(
     Args:
         parts: Pieces, means of shape (K, columns) and numbers of shape (K,), in the order of
             time. [W]
-
-    Raises:
-        NotIdentifiableError: If there are too few pieces.
     """
-    pieces = CoveredPieces.empty()
+    pieces = NO_PIECES
     for part, _, _ in parts:
-        pieces = pieces.join(part)
+        pieces = CoveredPieces.concatenate([pieces, part])
     if len(pieces) < MIN_READINGS:
         raise NotIdentifiableError(
             f"{len(pieces)} readings of the meter lie inside the samples of {of}",

@@ -17,9 +17,8 @@ import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
-from robot_energy.model.counterbalance import GasSpring, LeverSpring, TorsionSpring
 from robot_energy.model.figure import Figure, PositiveFigure
-from robot_energy.model.joint import Joint
+from robot_energy.model.joint import GasSpring, Joint, LeverSpring, TorsionSpring
 from robot_energy.physics.counterbalance import AnySpring, torque_columns
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.torque_model import Estimate, ParameterColumn

@@ -14,12 +14,12 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.data.observations import Filters, Observations, Rows, observe
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
@@ -226,7 +226,6 @@ def identify_dynamics(
         channels: Stretches of recordings without gaps, one rate for all.
         model: Kinematics, drivetrain, payload, and bodies as the prior. A counterbalance whose
             strength is assumed is identified, any other taken as known.
-        settings: How; the defaults suit industrial arms.
 
     Raises:
         NotIdentifiableError: If the recording does not determine the parameters; names them and
@@ -319,7 +318,6 @@ def fit_rows(
     """Return the parameters of rows and their covariance.
 
     Args:
-        rows: With independent columns only.
         gains: Standard deviation of the gain of each motor's torque [-], and the transmission,
             shape (n, n) [-]; None: there is no such error.
     """

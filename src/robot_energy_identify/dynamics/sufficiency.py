@@ -87,11 +87,7 @@ def check_motion(rows: Observations, robot: Robot, filters: Filters) -> None:
 
 
 def check_length(rows: Observations) -> None:
-    """Refuse what the filter lets too little through of: two independent rows per period.
-
-    Args:
-        rows: With independent columns only.
-    """
+    """Refuse what the filter lets too little through of: two independent rows per period."""
     available = float(rows.used.sum()) * 2.0 / ROWS_PER_RATE
     wanted = ROWS_PER_PARAMETER * len(rows.names)
     if available < wanted:

@@ -56,10 +56,6 @@ class Estimate(Described):
         return PositiveFigure(value=self.value * factor, std=std, tag=self.tag, source=self.source)
 
 
-def _itself(values: Float) -> Float:
-    return values
-
-
 class ParameterColumn(Described):
     """One kind of column: one parameter per motor, coupled joint, torque sensor or counterbalance.
 
@@ -74,7 +70,7 @@ class ParameterColumn(Described):
     shape: Annotated[
         Callable[[Float], Float],
         "Torque per unit of the parameter at these values, shape (N, K) to (N, K).",
-    ] = _itself
+    ] = np.asarray
     owner: Literal["motor", "coupled_joint", "sensor", "counterbalance"] = "motor"
     written: Annotated[
         Callable[[Joint, float, Estimate], Joint] | None,

@@ -15,11 +15,11 @@ from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
@@ -81,10 +81,7 @@ class ExcitationCriterion:
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
     def quality(self, motion: Trajectory) -> ExcitationScore:
-        """Return how well a motion determines the base parameters.
-
-        Argument as in `ExcitationCriterion.rows`.
-        """
+        """Return how well a motion determines the base parameters."""
         rows = self.rows(motion).reshape(-1, len(self.base))
         size = np.linalg.svd(rows, compute_uv=False)
         with np.errstate(divide="ignore"):
@@ -102,10 +99,7 @@ class ExcitationCriterion:
         return float(-2.0 * np.log(size).mean())
 
     def slopes(self, motion: Trajectory, criterion: Criterion) -> Float:
-        """Return cost per position, velocity and acceleration of every sample, shape (3, N, n).
-
-        Arguments as in `ExcitationCriterion.cost`.
-        """
+        """Return cost per position, velocity and acceleration of every sample, shape (3, N, n)."""
         rows = self.rows(motion)
         flat = rows.reshape(-1, rows.shape[2])
         left, size, right = np.linalg.svd(flat, full_matrices=False)

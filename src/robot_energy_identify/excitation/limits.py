@@ -104,7 +104,6 @@ class ExcitationLimits:
         """Return the torque that drives must give, friction, rotors and payload included.
 
         Joint side, shape (N, n) [N m] or [N]; friction at the fallback temperature of the model.
-        Argument as in `ExcitationLimits.use`.
         """
         chain, acceleration = self._drivetrain, motion.joint_acceleration
         torque = self.robot.joint_torque(motion.joint_position, motion.joint_velocity, acceleration)
@@ -147,10 +146,7 @@ class ExcitationLimits:
         }
 
     def largest(self, motion: Trajectory) -> dict[str, Float]:
-        """Return the largest use of each limit, shape (n,) by kind; above 1 it is broken.
-
-        Argument as in `ExcitationLimits.use`.
-        """
+        """Return the largest use of each limit, shape (n,) by kind; above 1 it is broken."""
         return {
             kind: (values if kind == "floor" else np.abs(values)).max(axis=0)
             for kind, values in self.use(motion).items()
@@ -160,7 +156,7 @@ class ExcitationLimits:
         """Return smooth largest uses and how they follow the motion.
 
         Shape (K,), and for each its kind, joint, and weight of every sample's signed use, shape
-        (N,); argument as in `ExcitationLimits.use`.
+        (N,).
         """
         values: list[float] = []
         parts: list[tuple[str, int, Float]] = []
@@ -176,17 +172,11 @@ class ExcitationLimits:
         return np.asarray(values), parts
 
     def torque_slopes(self, motion: Trajectory) -> Float:
-        """Return use of torque per position, velocity, acceleration, shape (3, n, N, n).
-
-        Argument as in `ExcitationLimits.use`.
-        """
+        """Return use of torque per position, velocity, acceleration, shape (3, n, N, n)."""
         return slopes(motion, self, lambda m: self.joint_torque(m) / self.torque)
 
     def floor_slopes(self, motion: Trajectory) -> Float:
-        """Return use of the floor per position of each joint, shape (n, N).
-
-        Argument as in `ExcitationLimits.use`.
-        """
+        """Return use of the floor per position of each joint, shape (n, N)."""
         here = self.height(motion.joint_position)
         result = np.zeros((self.robot.n_joints, len(here)))
         for joint in range(self.robot.n_joints):

@@ -16,7 +16,6 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
@@ -24,6 +23,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.friction_laws import FRICTION_LAWS, ConstantLaw, LawEntry, TableLaw
 from robot_energy.model.joint import JointFriction, Stribeck, ViscousExponent
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.friction.further_terms import (
     exponent_of,

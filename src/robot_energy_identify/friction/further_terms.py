@@ -33,7 +33,6 @@ def exponent_that_shows(law: LawEntry, rms: float, data: FrictionData) -> Fricti
     and whole recordings better; each fit to the rest refines it.
 
     Args:
-        law: As fitted without an exponent.
         rms: Of its errors on what was held out. [N m]
     """
     try:
@@ -70,9 +69,6 @@ def with_exponent(law: LawEntry, data: FrictionData) -> tuple[FrictionData, floa
     """Return samples with the exponent of the speed that a law has in them, and its deviation. [-]
 
     It is refined until the fit no longer moves it.
-
-    Args:
-        law: As fitted without an exponent.
 
     Raises:
         NotIdentifiableError: If the motion does not show one in `EXPONENTS`.

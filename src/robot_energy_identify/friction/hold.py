@@ -54,12 +54,7 @@ class HoldFit(Described):
     rests: Annotated[int, "Number of equations."]
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
-        """Return a model with these figures.
-
-        Args:
-            model: Any model of the same robot.
-            source: Where the data come from.
-        """
+        """Return a model with these figures."""
         kept, carried = (
             Figure(value=float(np.clip(value, -1.0, 1.0)), std=std, tag="identified", source=source)
             for value, std in (self.kept, self.carried)
@@ -91,11 +86,7 @@ class _Rests:
 
 
 def fit_hold(recordings: Sequence[Recording], model: RobotModel) -> HoldFit | None:
-    """Return what the motors of a robot hold at rest; None where too few rests show it.
-
-    Args:
-        model: With the friction that they show.
-    """
+    """Return what the motors of a robot hold at rest; None where too few rests show it."""
     rests = _rests(recordings, model)
     count = len(rests.joint)
     if count < MIN_RESTS:
@@ -175,7 +166,8 @@ def _rests(recordings: Sequence[Recording], model: RobotModel) -> _Rests:
         direction = HoldTorque(model).last_motion.follow(block.stamp_ns, block.motor_velocity)
         for joint in range(rigid.shape[1]):
             usable = np.isfinite(measured[:, joint] + rigid[:, joint]) & recording.sound
-            for first, last in _stretches(stands[:, joint]):
+            edges = np.flatnonzero(np.diff(stands[:, joint], prepend=False, append=False))
+            for first, last in edges.reshape(-1, 2).tolist():
                 begin = int(block.stamp_ns[first]) + round(SETTLED / NANOSECOND)
                 rows = slice(int(np.searchsorted(block.stamp_ns[:last], begin)), last)
                 span = (int(block.stamp_ns[last - 1]) - begin) * NANOSECOND
@@ -189,10 +181,3 @@ def _rests(recordings: Sequence[Recording], model: RobotModel) -> _Rests:
     joint, *others = np.array(parts).reshape(-1, 4).T
     direction, load, excess = others
     return _Rests(joint.astype(np.int64), direction, load, excess, len(model.joints))
-
-
-def _stretches(stands: np.ndarray) -> list[tuple[int, int]]:
-    """First sample of each rest and the one behind its last."""
-    edges = np.diff(stands.astype(np.int8), prepend=0, append=0)
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))

@@ -72,11 +72,7 @@ def _curve(hot: float, scale: float, above: Float) -> Float:
 
 
 def common_shape(fits: Sequence[FrictionFit]) -> TemperatureShape:
-    """Return the shape that axes with a law of their own have in common.
-
-    Raises:
-        NotIdentifiableError: If fewer than two axes show a law over 15 K, or they differ.
-    """
+    """Return the shape that axes with a law of their own have in common."""
     lent = {
         fit.name: fit.law
         for fit in fits

@@ -62,11 +62,7 @@ class Study(Described):
     ] = ()
 
     def row(self, law: str, beyond: str = "hold") -> FrictionStudyRow:
-        """Return one row.
-
-        Args:
-            beyond: ``hold``, ``extend`` or ``auto``.
-        """
+        """Return one row."""
         for row in self.rows:
             if (row.law, row.beyond) == (law, beyond):
                 return row
@@ -74,12 +70,7 @@ class Study(Described):
 
 
 def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
-    """Return the errors of every law, fitted at some temperatures and tested at others.
-
-    Raises:
-        NotIdentifiableError: If a range holds too few samples in motion, or not even a constant
-            can be fitted.
-    """
+    """Return the errors of every law, fitted at some temperatures and tested at others."""
     moving = moving_samples(data)
     degc = moving.motor_temperature_degc
     fitted = moving.rows((degc >= train.low) & (degc <= train.high))

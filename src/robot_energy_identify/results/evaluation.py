@@ -8,13 +8,12 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.certainty.prediction_errors import PowerErrorSums, TorqueErrorSums
+from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.model import ModelUsed, tagged_entries
+from robot_energy.results.base import ModelUsed, Number, Result, Texts, tagged_entries
 from robot_energy.results.replay import JointShaft, ReplayReport
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.stats.low_pass_error import LowPassTorqueError
+from robot_energy_identify.stats.torque_errors import LowPassTorqueError, TorqueErrorSums
 
 Seen = Literal["held_out", "fitted", "unknown"]
 MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"

@@ -11,13 +11,13 @@ import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.physics.plausibility import gravity_torques
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
-from robot_energy.physics.urdf.limits import first_names, limit_remarks
+from robot_energy.physics.urdf.limits import first_names
 from robot_energy.physics.urdf.moving_joints import GRIPPER_MASS_SHARE, moving_joints
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.starter.actuators import Actuator, read_actuators, without_defaults
+from robot_energy_identify.starter.model_remarks import gravity_torques, limit_remarks
 from robot_energy_identify.starter.priors import CLASSES, MAX_COBOT_MASS, MAX_COBOT_PEAK, RobotClass
 
 MAX_EFFORT_RATIO = 300.0
@@ -79,11 +79,7 @@ def scaled_joints(
 
 
 def taken_limits(joints: Sequence[ArmJoint]) -> list[str]:
-    """Name the limits that are not those of the URDF, with what was taken.
-
-    Returns:
-        One sentence for each reason.
-    """
+    """Return one sentence for each reason to take another limit than the URDF has."""
     found: dict[tuple[str, str, str], list[tuple[str, float]]] = {}
     for joint in joints:
         effort_unit, speed_unit = joint.units

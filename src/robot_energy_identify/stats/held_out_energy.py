@@ -90,15 +90,11 @@ class Tested(Described):
     outside: Annotated[OutsideFit | None, "The joint that was it most; None if none was."] = None
 
     def error(self, stage: str) -> float:
-        """Return predicted over measured energy minus 1; NaN without a meter.
-
-        Args:
-            stage: ``given`` or a subject.
-        """
+        """Return predicted over measured energy minus 1; NaN without a meter."""
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Return the same of shaft energy, NaN without torque; argument as in `Tested.error`."""
+        """Return the same of shaft energy, NaN without torque."""
         return self.predictions[stage].shaft / self.shaft - 1.0
 
 
@@ -133,7 +129,6 @@ class HeldOutEnergy(Described):
         """Return the mean size of the energy error at the meter.
 
         Args:
-            stage: ``given`` or a subject.
             entries: Of which recordings; None for all that can be compared.
         """
         chosen = self.metered if entries is None else entries
@@ -149,17 +144,11 @@ class HeldOutEnergy(Described):
         return max(self.judged, key=lambda entry: abs(entry.error(last)), default=None)
 
     def mean_rms(self, stage: str, entries: Sequence[Tested]) -> float:
-        """Return the mean RMS error of power from reading to reading. [W]
-
-        Arguments as in `HeldOutEnergy.mean_error`.
-        """
+        """Return the mean RMS error of power from reading to reading. [W]"""
         return float(np.mean([entry.predictions[stage].rms for entry in entries]))
 
     def torque_error(self, stage: str) -> float:
-        """Return the mean error of the motor torque over its size. [-]
-
-        Argument as in `HeldOutEnergy.mean_error`.
-        """
+        """Return the mean error of the motor torque over its size. [-]"""
         return float(np.mean([part.predictions[stage].torque_error for part in self.with_torque]))
 
     @property

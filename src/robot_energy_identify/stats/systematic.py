@@ -15,7 +15,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import Z95
+from robot_energy.certainty.deviation import Z95
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.timeline.blocks import Float

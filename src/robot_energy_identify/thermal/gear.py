@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.condition.thermal_state import GEAR_START_SHARE, GEAR_START_STD, WINDOW
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.joint import JointGear
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.friction.samples import AVERAGED, FrictionData, moving_rows
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN

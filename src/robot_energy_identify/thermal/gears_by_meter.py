@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.condition.thermal_state import WINDOW
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import JointGear
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import NANOSECOND, Float, Phase
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import at_bound, identified
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN

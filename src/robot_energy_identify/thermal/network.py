@@ -12,7 +12,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.condition.thermal_state import AMBIENT_STD
-from robot_energy.foundation.blas_threads import one_thread
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
@@ -20,6 +19,7 @@ from robot_energy.model.figure import Figure
 from robot_energy.model.joint import JointThermal
 from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.timeline.blocks import Float
+from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.stats.cross_validation import GAIN, rms_of
 from robot_energy_identify.thermal.windows import ThermalRun

@@ -12,7 +12,7 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
-from robot_energy.replay.inputs import ModelName, model_of
+from robot_energy.replay.setup import ModelName, model_of
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
 from robot_energy_plan.motion.load_motion import load_motion
 from robot_energy_plan.optimization.chain import PowerChain

@@ -11,8 +11,8 @@ from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.replay.inputs import ModelName, model_of
-from robot_energy.replay.power_table import empty_table, period_table
+from robot_energy.replay.power_table import power_table
+from robot_energy.replay.setup import ModelName, model_of
 from robot_energy.results.energy import EnergyBreakdown, JointEnergy, PhaseEnergy
 from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.time_series import TimeSeries
@@ -104,12 +104,8 @@ def predict(
         used, motion.motion, temperature, motion.name, notes=motion.notes, **given
     )
     report = prediction_report(result, motion)
-    names = used.joint_names
-    power = (
-        empty_table(names)
-        if result.means is None
-        else period_table(result.means, names, unmodelled=used.unmodelled)
-    )
+    means = [] if result.means is None else [result.means]
+    power = power_table(means, used.joint_names, unmodelled=used.unmodelled)
     return PredictionResult(
         program=result.program,
         model=used,

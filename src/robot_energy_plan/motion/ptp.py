@@ -28,11 +28,7 @@ MIN_DISTANCE = 1e-12  # rad; less is rounding and takes no time
 
 
 class MotionLimits(Described):
-    """What a motion must keep to, joint side, shape (n,) each.
-
-    Raises:
-        MotionError: If shapes differ or a limit makes no sense.
-    """
+    """What a motion must keep to, joint side, shape (n,) each."""
 
     lower: Annotated[Float, "Lower position limit. [rad] or [m]"]
     upper: Annotated[Float, "Upper position limit. [rad] or [m]"]

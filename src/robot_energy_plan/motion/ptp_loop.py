@@ -128,7 +128,6 @@ def random_program(
     """Return a program of random configurations, the same for the same seed.
 
     Args:
-        seed: Any integer >= 0.
         moves: Number of motions in a loop (paper A: 20).
         zone: Share of each joint's range around its middle that may be used, one value
             or shape (n,), in (0, 1]. [-]

@@ -54,14 +54,10 @@ class Sequence:
         """
         time = np.atleast_1d(np.asarray(time, dtype=np.float64))
         part = np.maximum(np.searchsorted(self.begin, time, side="right") - 1, 0)
-        shape = (len(time), self.n_joints)
-        position, velocity, acceleration = np.empty(shape), np.empty(shape), np.empty(shape)
+        found = np.empty((3, len(time), self.n_joints))
         for index, motion in enumerate(self._motions):
             rows = part == index
-            if not rows.any():
-                continue
-            path = motion.sample(time[rows] - self.begin[index])
-            position[rows] = path.joint_position
-            velocity[rows] = path.joint_velocity
-            acceleration[rows] = path.joint_acceleration
-        return Trajectory(position, velocity, acceleration)
+            if rows.any():
+                path = motion.sample(time[rows] - self.begin[index])
+                found[:, rows] = path.joint_position, path.joint_velocity, path.joint_acceleration
+        return Trajectory(*found)

@@ -37,11 +37,7 @@ LengthUnit = Literal["mm", "m", "inch"]
 
 
 class Slicing(Described):
-    """How a shape becomes a program.
-
-    Raises:
-        MotionError: If a figure makes no sense.
-    """
+    """How a shape becomes a program."""
 
     layer_height: Annotated[float, "Of every layer. [m]"] = 0.01
     speed: Annotated[float, "Of the tool along the outlines. [m/s]"] = 0.125

@@ -106,11 +106,7 @@ Segment = LineSegment | Arc | Dwell
 
 @dataclass(frozen=True)
 class ToolPath:
-    """A sequence of segments, each beginning where the one before ends.
-
-    Raises:
-        MotionError: If there is no move, or a move does not begin where the last one ended.
-    """
+    """A sequence of segments, each beginning where the one before ends."""
 
     segments: Sequence[Segment]
     name: str = "the tool path"

@@ -29,11 +29,7 @@ REST = 1e-12  # s
 
 
 class ToolLimits(Described):
-    """What the tool may do. None of it stands in a G-code program.
-
-    Raises:
-        MotionError: If a figure makes no sense, or smoothing alone leaves the tolerance.
-    """
+    """What the tool may do. None of it stands in a G-code program."""
 
     acceleration: Annotated[float, "Greatest, > 0; default assumed. [m/s^2]"] = 2.0
     corner_tolerance: Annotated[

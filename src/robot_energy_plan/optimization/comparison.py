@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.accounting.record import Calibrated
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError, RobotEnergyError
 from robot_energy.model import RobotModel

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.certainty.figure_deviations import FigureDeviations
+from robot_energy.certainty.figure_deviations import FigureDeviations, known_together
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -90,8 +90,9 @@ class EnergyDeviations:
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
         own = np.sqrt(np.maximum(std**2 - shared**2, 0.0))
         square = speed * speed
-        bent = figures.by_exponent(motor_velocity)
-        if bent is not None:
+        bent = None
+        if figures.exponent_std is not None:
+            bent = figures.by_exponent(motor_velocity, figures.exponent_std)
             square = square * bent[0]
         carried = rigid_power * figures.payload_share
         at_bus = [
@@ -119,9 +120,8 @@ class EnergyDeviations:
             share * lost * np.interp(place, KNOTS, hat)
             for share, hat in zip(FORM, hats, strict=True)
         ]
-        together = figures.known_together(speed, motor_torque, square * own)
-        if together is not None:
-            at_bus.append(together)
+        if figures.together is not None:
+            at_bus.append(known_together(figures.together, speed, motor_torque, square * own))
         cabinet = np.full((len(speed), CABINET), (0.0, figures.at_rest, FORM_FED_BACK))
         cabinet[:, 0] = figures.grid_side(fan_power)
         cabinet[:, 2] *= fed_back

@@ -11,8 +11,7 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy_plan.motion.load_motion import BAG, GCODE, YAML, ToolOptions
 from robot_energy_plan.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
 from robot_energy_plan.optimization.gcode_form import GcodeForm
-from robot_energy_plan.optimization.program_form import ProgramForm
-from robot_energy_plan.optimization.ptp_form import PtpForm
+from robot_energy_plan.optimization.program_form import ProgramForm, PtpForm
 from robot_energy_plan.optimization.trajectory_form import TrajectoryForm, recorded_motion
 from robot_energy_plan.options import OptimizeOptions
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy.timeline.blocks import Float, Int
+from robot_energy.timeline.blocks import Int
 from robot_energy_plan.optimization.plan import Cost, CostTable, CyclePlan
 
 STEPS = 5000  # of the time that is left above that of the fastest choice
@@ -144,17 +144,13 @@ def front(
             found.setdefault(rows.tobytes(), CyclePlan(rows.copy(), plan.rest, plan.state))
     plans = [(one, table.cost(one)) for one in found.values()]
     points = np.array([(cost.energy, cost.duration, cost.peak) for _, cost in plans])
-    best_rows: list[int] = np.flatnonzero(_not_worse(points)).tolist()
-    kept = [plans[k] for k in best_rows]
+    # worse: another point is at most as great in all columns and less in one
+    less = (points[:, None, :] <= points[None, :, :] * (1 + 1e-9)).all(axis=2)
+    better = (points[:, None, :] < points[None, :, :] * (1 - 1e-6)).any(axis=2)
+    worse = (less & better).any(axis=0)
+    kept = [plan for plan, is_so in zip(plans, worse.tolist(), strict=True) if not is_so]
     kept.sort(key=lambda pair: pair[1].duration)
     if len(kept) > MAX_FRONT:
         shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, MAX_FRONT).astype(int)).tolist()
         kept = [kept[k] for k in shown]
     return kept
-
-
-def _not_worse(points: Float) -> NDArray[np.bool_]:
-    """Whether no other point is at most as great in all columns and less in one."""
-    less = (points[:, None, :] <= points[None, :, :] * (1 + 1e-9)).all(axis=2)
-    better = (points[:, None, :] < points[None, :, :] * (1 - 1e-6)).any(axis=2)
-    return np.asarray(~(less & better).any(axis=0))

@@ -23,8 +23,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.replay_topics import Topics
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ReplaySetup, Topics
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, TorqueBlock
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, Trajectory

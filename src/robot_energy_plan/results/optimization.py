@@ -6,8 +6,7 @@ from dataclasses import replace
 from typing import Annotated
 
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_used
 from robot_energy_plan.optimization.measures import Optimum, Tried, together
 from robot_energy_plan.optimization.plan import Cost, CostTable, Saving
 from robot_energy_plan.optimization.program_form import ProgramForm

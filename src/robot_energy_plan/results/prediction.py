@@ -9,10 +9,14 @@ from robot_energy.results.auxiliary import (
     auxiliary_report,
     missing_sentences,
 )
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.energy import EnergyBreakdown, EnergyReport, common_figures, unbalanced
-from robot_energy.results.model import count_tags
-from robot_energy.results.normalised import normalised_energy
+from robot_energy.results.base import Number, Result, Texts, count_tags
+from robot_energy.results.energy import (
+    EnergyBreakdown,
+    EnergyReport,
+    common_figures,
+    normalised_energy,
+    unbalanced,
+)
 from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy_plan.motion.load_motion import LoadedMotion
 from robot_energy_plan.prediction import Prediction

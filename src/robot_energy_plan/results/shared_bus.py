@@ -5,9 +5,8 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.band import Z90
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy.results.model import ModelUsed, model_used
+from robot_energy.certainty.deviation import Z90
+from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_used
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
 from robot_energy_plan.shared_bus import BusExchange, BusRobot, PlannedBus, shared_cabinet

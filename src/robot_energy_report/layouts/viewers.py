@@ -209,11 +209,7 @@ def _area(parent: ElementTree.Element, plot: Plot) -> None:
 
 
 def rqt(pages: Sequence[Page]) -> str:
-    """Return a perspective. rqt_plot names fields as PlotJuggler does.
-
-    Args:
-        pages: Of which the first is shown: rqt has no tabs of plots.
-    """
+    """Return a perspective of the first page: rqt has no tabs. Fields as PlotJuggler names them."""
     groups: dict[str, Any] = {}
     for number, plot in enumerate(pages[0].plots, start=1):
         settings = {
@@ -238,13 +234,9 @@ def rqt(pages: Sequence[Page]) -> str:
 
 def _group(**content: Any) -> dict[str, Any]:
     """Make a group of settings; a value that is itself a group becomes one inside."""
-    inner = {name: each for name, each in content.items() if _is_group(each)}
+    inner = {name: each for name, each in content.items() if isinstance(each, dict)}
     keys = {name: _value(each) for name, each in content.items() if name not in inner}
     return {"keys": keys, "groups": inner}
-
-
-def _is_group(value: Any) -> bool:
-    return isinstance(value, dict) and set(value) == {"keys", "groups"}  # pyright: ignore[reportUnknownArgumentType]
 
 
 def _value(value: Any) -> dict[str, str]:
@@ -287,11 +279,7 @@ LAYOUTS = Kinds(
 
 
 def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
-    """Return the files of the layouts of all viewers; earlier ones of this tool are replaced.
-
-    Args:
-        folder: Folder of the files; made if it is missing.
-    """
+    """Return the files of the layouts of all viewers; earlier ones of this tool are replaced."""
     place = Path(folder)
     try:
         place.mkdir(parents=True, exist_ok=True)

@@ -36,11 +36,7 @@ Answer = Callable[[Wish, Asked, int], dict[str, Any]]
 
 
 class HistoryRoutes:
-    """Answers requests for a history.
-
-    Args:
-        allow_control: Whether prices can be set; who asks has stated the token.
-    """
+    """Answers requests for a history."""
 
     def __init__(self, folder: Path, allow_control: bool) -> None:
         self._view, self._control = HistoryView(folder), allow_control

@@ -19,34 +19,31 @@ from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH, SECOND_NS
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_history.api import History, history, history_events, history_friction, job_sums
-from robot_energy_history.baseline import BAND
 from robot_energy_history.differences import SLOT_NS
 from robot_energy_history.files import open_reader, reader
 from robot_energy_history.queries import Resolution, robots_of, rows_of, zone_of
-from robot_energy_history.savings import DRIVERS, EnergySavings, savings_by_robot
+from robot_energy_history.savings import BAND, DRIVERS, EnergySavings, savings_by_robot
 from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import Tariff, add_tariffs, day_begin, stored_tariffs
 from robot_energy_report.page.history_figures import (
     GROUPS,
     IMPORT,
+    SPAN,
+    Period,
     Row,
     comparable,
     figures_by_robot,
     harmless,
+    instant,
     less,
     parts_of,
+    period_at,
     remarks_of,
     rests_of,
     series_of,
+    span_of,
     summed,
     total_of,
-)
-from robot_energy_report.page.history_period import (
-    SPAN,
-    Period,
-    instant,
-    period_at,
-    span_of,
 )
 
 MAX_DAYS = 1200  # of a baseline, and of the days that are compared with it

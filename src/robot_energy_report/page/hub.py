@@ -108,11 +108,7 @@ class PageHub:
         return events.get(name) or events.get("") or PageEvents()
 
     def whole(self, name: str) -> list[RobotState]:
-        """Return the robots that a page gets whole: all, or of many the one that it shows.
-
-        Args:
-            name: As it is shown; the first one is taken for a name that there is not.
-        """
+        """Return the robots that a page gets whole: all, or of many the one named, or the first."""
         robots = list(self.robots.values())
         if not self.many:
             return robots

@@ -34,10 +34,14 @@ from robot_energy_report.page.messages import (
     TIMES,
     TOTALS,
     PageReaders,
+    job_rows,
+    last_job,
+    load_alarms,
+    load_rows,
     net_energy,
+    newest_loads,
 )
 from robot_energy_report.page.phase_totals import PhaseTotals
-from robot_energy_report.page.rows import job_rows, last_job, load_alarms, load_rows, newest_loads
 from robot_energy_report.page.settings import CostCounter, PageSettings
 
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]

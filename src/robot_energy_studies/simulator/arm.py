@@ -120,9 +120,6 @@ class ElasticArm:
 
         Args:
             step: Of the integration. [s]
-
-        Raises:
-            MissingExtraError: If MuJoCo is not installed.
         """
         require("mujoco", "the second simulator")
         import mujoco

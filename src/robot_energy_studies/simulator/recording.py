@@ -99,12 +99,8 @@ def record(
     """Return the account of one robot's run, whose topics are written to a bag.
 
     Args:
-        which: Index of the robot.
         duration: From the start; what follows is left out. [s]
         path: Of the bag, which is replaced.
-
-    Raises:
-        BagError: If the bag cannot be written.
     """
     random = np.random.default_rng([sensors.seed, which])
     steps = min(round(duration / STEP), len(run.grid_power))

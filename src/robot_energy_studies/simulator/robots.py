@@ -129,9 +129,6 @@ class Robots:
 
         Args:
             duration: [s]
-
-        Raises:
-            RigError: If the integration became unstable.
         """
         stored = self._stored()
         blocks = [self._block(first * BLOCK) for first in range(int(np.ceil(duration)))]

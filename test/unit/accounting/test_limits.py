@@ -16,8 +16,7 @@ from robot_energy.foundation.errors import RegisterError, StateFileError
 from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.messages.registers import RegistersWriter, interval_fields
 from robot_energy.store.account_store import AccountStore
-from robot_energy.store.envelope import MAX_BYTES, MAX_SEQUENCE, wrap
-from robot_energy.store.slots import SlotPair
+from robot_energy.store.slots import MAX_BYTES, MAX_SEQUENCE, SlotPair, wrap
 from robot_energy.timeline.stamps import MAX_STAMP_NS
 
 NOW = 1_790_000_000  # s

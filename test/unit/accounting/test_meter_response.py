@@ -25,7 +25,7 @@ def followed(stamp_s, power, constant, delay=0.0, begins=()) -> ShownPower:
     stamp = np.rint(np.asarray(stamp_s) * SECOND).astype(np.int64)
     first = np.zeros(len(stamp), dtype=bool)
     first[list(begins)] = True
-    shown.take(stamp, np.asarray(power, dtype=float), first)
+    shown.waiting.append((stamp, np.asarray(power, dtype=float), first))
     shown.follow([], [constant])
     return shown
 

@@ -12,9 +12,8 @@ from accounts import IDENTITY, NAMES, SECOND, power_block, restarted, steady
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
-from robot_energy.certainty.band import FORM, LOSS_GRID, Z90, BandKind
 from robot_energy.certainty.band_calibration import MIN_STEP
-from robot_energy.certainty.deviation import CABINET_DEVIATIONS
+from robot_energy.certainty.deviation import CABINET_DEVIATIONS, FORM, LOSS_GRID, Z90, BandKind
 from robot_energy.certainty.energy_calibration import BIAS, DISTINCT, EnergyCalibration
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 

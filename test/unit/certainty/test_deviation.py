@@ -10,11 +10,14 @@ import pytest
 
 import robots
 from robot_energy.certainty import figure_deviations
-from robot_energy.certainty.band import Z90, energy_variances, half_width, scores
 from robot_energy.certainty.deviation import (
     CABINET_DEVIATIONS,
     TOGETHER_NAME,
+    Z90,
+    energy_variances,
+    half_width,
     names_of,
+    scores,
 )
 from robot_energy.certainty.figure_deviations import payload_shares
 from robot_energy.certainty.friction_certainty import FrictionCertainty

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.certainty.prediction_errors import PowerErrorSums, TorqueErrorSums
+from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality
-from robot_energy.timeline.pieces import Compared
+from robot_energy.timeline.pieces import NO_INTERVALS, Compared
+from robot_energy_identify.stats.torque_errors import TorqueErrorSums
 
 RNG = np.random.default_rng(5)
 
@@ -61,7 +62,7 @@ def test_power_errors_of_two_recordings_are_those_of_all_their_readings():
 
 def test_without_a_reading_nothing_is_known():
     sums = PowerErrorSums()
-    sums.step(Compared.empty())
+    sums.step(NO_INTERVALS)
     assert np.isnan([sums.rms, sums.measured_rms]).all()
 
 

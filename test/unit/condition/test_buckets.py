@@ -1,6 +1,6 @@
 import numpy as np
 
-from robot_energy.condition.buckets import (
+from robot_energy.condition.joint_friction import (
     BUCKET_DEGC,
     BUCKET_SPEED,
     DEGC_BUCKETS,

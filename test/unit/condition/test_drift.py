@@ -7,14 +7,15 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from robot_energy.condition import programs
+from robot_energy.condition import wear_records
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts
-from robot_energy.condition.buckets import SPEED_BUCKETS
 from robot_energy.condition.drift import MAX_RECORDS, DriftTest
-from robot_energy.condition.programs import OWN
+from robot_energy.condition.joint_friction import SPEED_BUCKETS
+from robot_energy.condition.record import ContrastEntry
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
+    OWN,
     RECORD_TIME,
     WearRecord,
     degc_shares,
@@ -186,7 +187,7 @@ def test_it_continues_as_if_nothing_had_happened():
     whole, _ = outcome_of_step(0.15)
     before, _ = outcome_later(step(0.15, 500))
     again = DriftTest()
-    contrasts = Contrasts.restored(before.contrasts.state())
+    contrasts = Contrasts.restored(ContrastEntry.of(before.contrasts))
     again.restore(before.records, before.changes, contrasts, before.programs)
     assert again.drift == before.drift
     for each in list(step(0.15))[500:]:
@@ -254,19 +255,19 @@ def test_levels_of_programs_survive_merging_and_a_restart():
     columns = [FEATURES + OWN * number for number in range(3)]
     found = test.contrasts.baseline().mean[columns]
     np.testing.assert_allclose(found, level[1:] - level[0], atol=0.002)
-    kept = Contrasts.restored(test.contrasts.state())
+    kept = Contrasts.restored(ContrastEntry.of(test.contrasts))
     np.testing.assert_array_equal(kept.baseline().mean, test.contrasts.baseline().mean)
 
 
 def test_a_program_that_is_forgotten_takes_no_level_along(monkeypatch):
     """Five programs in turn, and room for two: old ones are forgotten, and nothing is found."""
-    monkeypatch.setattr(programs, "MAX_PROGRAMS", 2)
+    monkeypatch.setattr(wear_records, "MAX_PROGRAMS", 2)
     assert outcome(programs_in_turn(3.0, True, 48.0))[1] == []
 
 
 def test_a_record_between_two_programs_is_dropped():
     one, between, other = (0.1, 0.2, 0.3, 0.4), (0.2, 0.2, 0.3, 0.3), (0.3, 0.2, 0.3, 0.2)
-    seen = programs.ProgramTable()
+    seen = wear_records.ProgramTable()
     works = (one, one, between, other, other, other, one)
     found = [seen.step(record(0, 0.0)._replace(work=work))[0] for work in works]
     assert [row is None for row in found] == [False, False, True, True, False, False, False]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.certainty.band import TEMPERATURE
+from robot_energy.certainty.deviation import TEMPERATURE
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from robot_energy.accounting.power_curve import MeterCurve
-from robot_energy.condition.meter_windows import MeterWindows
+from robot_energy.condition.meter_fit import MeterWindows
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 
 NEVER = 10**18

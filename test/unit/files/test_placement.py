@@ -85,9 +85,7 @@ def test_results_of_an_identification_appear_together_or_not_at_all(tmp_path, ca
         IdentifyInputs(args).check_results()
         with all_or_none():
             save(one_wheel(), args.out)
-            page = Document("title")
-            page.paragraph("a line")
-            present(args, FrictionStudyReport(()), page)
+            present(args, FrictionStudyReport(()), "title")
 
     for at in (1, 2, 3):
         with pytest.MonkeyPatch.context() as patch:

@@ -13,8 +13,7 @@ from places import ROOT
 from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.dataset import Dataset, read_tables, scan
-from robot_energy_fleet.fleet_run import run_fleet
-from robot_energy_fleet.workers import on_dask
+from robot_energy_fleet.fleet_run import on_dask, run_fleet
 from robot_energy_studies import generated_fleet
 
 BAG = ROOT / "bags" / "kr16_all_topics"

@@ -25,8 +25,7 @@ from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
 from robot_energy_fleet.bag_row import replay_bag
 from robot_energy_fleet.dataset import Dataset, read_tables, scan
-from robot_energy_fleet.fleet_run import FleetRun, in_turn, run_fleet
-from robot_energy_fleet.workers import on_dask
+from robot_energy_fleet.fleet_run import FleetRun, in_turn, on_dask, run_fleet
 from robot_energy_history.store import HistoryStore
 
 BAG = ROOT / "bags" / "kr16_all_topics"
@@ -80,7 +79,7 @@ def workers():
 @pytest.fixture
 def two_cores(monkeypatch):
     """Two of the cores of this process, or the only one, to which it keeps meanwhile."""
-    monkeypatch.setattr("robot_energy_fleet.workers.HEAL_EVERY", 0.05)
+    monkeypatch.setattr("robot_energy_fleet.fleet_run.HEAL_EVERY", 0.05)
     every = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(every)[:2])
     yield sorted(every)[:2]
@@ -240,8 +239,8 @@ def deadly(bag, model, max_scratch):
 @pytest.mark.long
 def test_a_bag_under_which_workers_die_is_refused_alone(hall, sequential, tmp_path, monkeypatch):
     """Others wait at the same worker each time it dies."""
-    monkeypatch.setattr("robot_energy_fleet.workers.replay_bag", deadly)
-    monkeypatch.setattr("robot_energy_fleet.workers.ALLOWED_FAILURES", 0)
+    monkeypatch.setattr("robot_energy_fleet.fleet_run.replay_bag", deadly)
+    monkeypatch.setattr("robot_energy_fleet.fleet_run.ALLOWED_FAILURES", 0)
     with on_dask(workers=1) as replays:
         done = replayed(hall / "r0", tmp_path / "d", replays)
     refused = {Path(address).name: one.reason for (_, address), one in done.refused.items()}
@@ -282,7 +281,7 @@ def test_few_bags_are_at_the_scheduler_however_many_there_are(hall, tmp_path, mo
     taken, most = [], []
     waiting, batch = 8, 4
     for name, value in {"MIN_WAITING": waiting, "PER_THREAD": waiting, "BATCH": batch}.items():
-        monkeypatch.setattr(f"robot_energy_fleet.workers.{name}", value)
+        monkeypatch.setattr(f"robot_energy_fleet.fleet_run.{name}", value)
 
     def counted(bags, models):
         def listed():
@@ -453,7 +452,7 @@ def test_workers_of_another_command_give_the_same_bits_until_their_scheduler_is_
     hall, sequential, tmp_path, scheduler, monkeypatch
 ):
     """What was done before it was lost stays."""
-    monkeypatch.setattr("robot_energy_fleet.workers.TIMEOUT", "1s")  # to come back
+    monkeypatch.setattr("robot_energy_fleet.fleet_run.TIMEOUT", "1s")  # to come back
     address, process = scheduler
 
     def killed(done):
@@ -471,7 +470,7 @@ def test_workers_of_another_command_give_the_same_bits_until_their_scheduler_is_
 
 
 def test_a_scheduler_that_does_not_answer_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr("robot_energy_fleet.workers.TIMEOUT", "1s")
+    monkeypatch.setattr("robot_energy_fleet.fleet_run.TIMEOUT", "1s")
     with pytest.raises(DatasetError, match="does not answer"), on_dask("tcp://127.0.0.1:1"):
         pass
 

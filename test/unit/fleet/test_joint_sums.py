@@ -19,10 +19,7 @@ from robot_energy.model.friction_laws import (
 from robot_energy.model.payload import payload
 from robot_energy.physics.friction import ViscousLaw
 from robot_energy.timeline.blocks import Learning
-from robot_energy_fleet.bag_joints import bag_figures
-from robot_energy_fleet.bag_sums import HourSums
-from robot_energy_fleet.identify import fit_merged, score
-from robot_energy_fleet.joint_sums import (
+from robot_energy_fleet.bag_joints import (
     COLUMNS,
     MEASURED,
     NODES,
@@ -30,8 +27,11 @@ from robot_energy_fleet.joint_sums import (
     SIGN,
     VISCOUS,
     JointSums,
+    bag_figures,
     gram_of,
 )
+from robot_energy_fleet.bag_sums import HourSums
+from robot_energy_fleet.identify import fit_merged, score
 from robot_energy_fleet.merged_laws import JointBags, without_nuisances
 from robot_energy_identify.stats.systematic import SensorLimits
 from robot_energy_plan.motion import Program

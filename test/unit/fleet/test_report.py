@@ -8,6 +8,7 @@ from zoneinfo import ZoneInfo
 
 import polars as pl
 import pytest
+from fleet_study import judged
 
 import robot_energy as re
 from fleets import dataset, fleet, written
@@ -24,7 +25,6 @@ from robot_energy_history.tariffs import PricePeriod
 from robot_energy_report.document import Document
 from robot_energy_report.html import page_html
 from robot_energy_report.page.settings import PageSettings
-from robot_energy_studies.fleet_study import judged
 from robot_energy_studies.generated_fleet import FleetPlan
 
 ROBOTS = 6

@@ -18,7 +18,7 @@ from robot_energy_report.canvas import PART_COLOURS
 from robot_energy_report.history_month import MEANINGS, month_document
 from robot_energy_report.html import page_html
 from robot_energy_report.page.energy_flow import PARTS
-from robot_energy_report.page.terms import TERMS
+from robot_energy_report.page.saved_page import TERMS
 
 STATIC = Path(robot_energy_report.__file__).parent / "page/static"
 EVIL = "<script>alert(1)</script>"

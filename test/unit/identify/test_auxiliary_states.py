@@ -20,14 +20,16 @@ from robot_energy_identify.auxiliary.readings import StateReadings
 from robot_energy_identify.auxiliary.states import fit_own
 from robot_energy_plan.motion import Program
 from robot_energy_rig import VirtualRig, load_profile
-from robot_energy_rig.auxiliary import (
+from robot_energy_rig.record import (
     EXTRUDER_HEATS,
     EXTRUDER_OFF,
     EXTRUDER_WORKS,
     PUMP_OFF,
     PUMP_ON,
+    STATE,
+    RigEncoder,
+    record,
 )
-from robot_energy_rig.record import STATE, RigEncoder, record
 from robot_energy_rig.record import TYPES as TOPICS
 
 CELL = ROOT / "src/examples/auxiliary/mantis_cell.yaml"

@@ -277,14 +277,14 @@ def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
 def test_what_is_tested_is_never_fitted(folder: Path, model: RobotModel) -> None:
     """A meter that lies in one recording changes no prediction of that recording."""
     skip = ("dynamics", "friction", "capacitor")
-    sound = bags_in(folder)
-    lying = [sound[0], Altered(sound[1].path, TORQUE, missing="truth"), sound[2]]
+    sound = bags_in(folder)[:2]
+    lying = [sound[0], Altered(sound[1].path, TORQUE, missing="truth")]
     predicted: list[list[float]] = []
     for bags in (sound, lying):
         kind, folds = folds_of(bags, [], [])
         assert kind == "recordings"
         fitted = identify_everything(bags, model, skip)
-        test = held_out_energy(kind, folds[:2], fitted, skip)
+        test = held_out_energy(kind, folds, fitted, skip)
         assert [entry.name for entry in test.tested] == ["at_25", "at_40"]
         predicted.append([entry.predictions["drives"].energy for entry in test.tested])
     assert predicted[0][1] == predicted[1][1]

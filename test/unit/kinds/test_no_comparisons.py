@@ -25,7 +25,6 @@ OTHER_WORDS = {
     ("robot_energy_identify/drives/total_covariance.py", "constant"),  # the name of a figure
     ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
     ("robot_energy/model/open_schema.py", "loss_map"),
-    ("robot_energy_studies/advice_study.py", "regenerative"),  # an advice
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for
 }
 BY_CLASS = {

@@ -6,11 +6,11 @@ import struct
 import numpy as np
 import pytest
 
+from boat import DEPTH, ROOF, boat, cabin_outline, hull_outline, stl
 from places import ROOT
 from robot_energy import predict
 from robot_energy.foundation.errors import MotionError
 from robot_energy_cli.main import main
-from robot_energy_papers.boat import DEPTH, ROOF, boat, cabin_outline, hull_outline, stl
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion.gcode import read_gcode
 from robot_energy_plan.motion.load_motion import ToolOptions

@@ -16,8 +16,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy_history.schema import JOB_COLUMNS
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff, add_tariffs
-from robot_energy_report.page.history_figures import MAX_SERIES
-from robot_energy_report.page.history_period import KINDS, period_at, span_of
+from robot_energy_report.page.history_figures import KINDS, MAX_SERIES, period_at, span_of
 from robot_energy_report.page.history_view import HistoryView
 
 BERLIN = ZoneInfo("Europe/Berlin")

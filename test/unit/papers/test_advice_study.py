@@ -1,11 +1,11 @@
 """The study of advice: the rig applies an advice, and counts are of claims."""
 
+import advice_study
 import numpy as np
 import pytest
+from advice_study import AdvisedPlant, JudgedAdvice, count
 
 from robot_energy_fleet.advice.claims import Claim
-from robot_energy_studies import advice_study
-from robot_energy_studies.advice_study import AdvisedPlant, JudgedAdvice, count
 
 
 def test_the_rig_applies_what_was_advised(tmp_path, monkeypatch):

@@ -4,10 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from robot_energy.model import load
-from robot_energy_rig import random_profile
-from robot_energy_studies.bus_study import (
+from bus_study import (
     ADVISED,
     DriveWork,
     JudgedBus,
@@ -15,6 +12,9 @@ from robot_energy_studies.bus_study import (
     count,
     true_saving,
 )
+
+from robot_energy.model import load
+from robot_energy_rig import random_profile
 
 STEP = 4e-3
 

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from interval_coverage import disjoint
 
 from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.run_all import identify_everything, in_turns
 from robot_energy_studies import interval_coverage as study
-from robot_energy_studies.interval_coverage import Judged, coverages, disjoint
+from robot_energy_studies.interval_coverage import Judged, coverages
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,7 @@ import pytest
 
 from robot_energy_cli.main import main
 from robot_energy_studies.judged_savings import JudgedSaving
-from robot_energy_studies.savings import exceeded_limits
-from robot_energy_studies.savings_page import _shares
+from robot_energy_studies.savings import _shares, exceeded_limits
 
 
 def judged(claim, half, truth):

@@ -22,8 +22,15 @@ from robot_energy_plan.motion import MotionLimits, random_program
 from robot_energy_report.document import Document
 from robot_energy_report.html import write_page
 from robot_energy_studies import independent, simulator
-from robot_energy_studies.independent import Independent, IndependentRow, published, warmed
-from robot_energy_studies.independent_page import context, figures, pieces
+from robot_energy_studies.independent import (
+    Independent,
+    IndependentRow,
+    context,
+    figures,
+    pieces,
+    published,
+    warmed,
+)
 from robot_energy_studies.simulator.arm import GRAVITY, Body, ElasticArm, read_urdf
 from robot_energy_studies.simulator.cabinet import DcLink
 from robot_energy_studies.simulator.drawn import (

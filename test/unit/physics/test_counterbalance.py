@@ -8,7 +8,7 @@ import pytest
 import robots
 from excited import fourier_motion
 from robot_energy.model import validate
-from robot_energy.model.counterbalance import GasSpring, LeverSpring, TorsionSpring
+from robot_energy.model.joint import GasSpring, LeverSpring, TorsionSpring
 from robot_energy.physics.counterbalance import (
     coefficients,
     counterbalance_torque,

@@ -187,7 +187,7 @@ def test_a_viscous_exponent_bends_the_axis_that_has_one_and_leaves_the_other():
 @pytest.mark.parametrize("key", ["exponent", "velocity"])
 def test_a_viscous_exponent_of_zero_is_refused(key):
     term = {"exponent": figure(0.5), "velocity": figure(25.0), key: figure(0.0)}
-    with pytest.raises(ValidationError, match=f"{key} must be > 0, found 0"):
+    with pytest.raises(ValidationError, match=f"{key}\n  Value error, must be > 0, found 0"):
         friction_entry(viscous_exponent=term)
 
 

@@ -52,7 +52,7 @@ def test_several_motors_are_independent():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"capacity": figure(0.0)}, "capacity must be > 0"),
+        ({"capacity": figure(0.0)}, "capacity\n  Value error, must be > 0"),
         ({"structure_capacity": figure(1.0)}, "both or neither"),
         ({"friction_to_motor": figure(0.5)}, "needs a structure"),
         ({**STRUCTURE, "friction_to_motor": figure(1.5)}, "friction_to_motor <= 1"),

@@ -22,13 +22,10 @@ class Doubled:
         assert before_ns <= stamp_ns[0]
         return np.flatnonzero(stamp_ns == self.middle_ns).tolist()
 
-    def begin(self, stamp_ns, stuck):
+    def estimate(self, begin_ns, stuck, reading_degc, viscous, std, shared, quality):
         assert not stuck.any()
-        self.called.append("begin")
-        self.second = stamp_ns >= self.middle_ns
-
-    def estimate(self, reading_degc, viscous, std, shared, quality):
         self.called.append("estimate")
+        self.second = begin_ns >= self.middle_ns
         quality |= np.uint32(Quality.TEMPERATURE_ESTIMATED)
         return np.full_like(reading_degc, 33.0), np.full_like(reading_degc, 44.0)
 
@@ -66,6 +63,6 @@ def test_a_stage_predicts_as_its_condition_says():
     np.testing.assert_array_equal(learned, np.arange(100) >= 50)
     assert ((power.quality & np.uint32(Quality.TEMPERATURE_ESTIMATED)) > 0).all()
     assert (power.motor_temperature_degc == 33.0).all()
-    assert condition.called == [*2 * ["begin", "estimate", "learned", "step"], "flush"]
+    assert condition.called == [*2 * ["estimate", "learned", "step"], "flush"]
     assert [count for count, _ in condition.taken] == [50, 50]
     assert all(np.isnan(reading).all() for _, reading in condition.taken)  # not the estimate

@@ -17,7 +17,7 @@ import robot_energy_identify.results as identify_results
 import robot_energy_plan.results as plan_results
 from robot_energy.foundation.errors import ColumnError, MissingExtraError
 from robot_energy.results.base import Result
-from robot_energy_report.notebook import DOCUMENTS
+from robot_energy_report.document import DOCUMENTS
 
 mpl.use("Agg")
 BAGS = Path(__file__).resolve().parents[3] / "bags"
@@ -128,7 +128,7 @@ def test_every_document_takes_a_report_and_a_page():
         for module in iter_modules(package.__path__, f"{package.__name__}."):
             import_module(module.name)
     names = {kind.NAME for kind in every_result() if kind.NAME}
-    assert names - DOCUMENTS.keys() == {"check", "excitation", "fleet_run"}
+    assert names - DOCUMENTS.keys() == {"check", "fleet_run"}
     assert names >= DOCUMENTS.keys()
     for place in DOCUMENTS.values():
         first, second, *more = inspect.signature(resolve_name(place)).parameters.values()

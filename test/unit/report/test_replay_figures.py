@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from robot_energy.foundation.errors import ReportError, ShapeError
-from robot_energy_report.replay_figures import power_and_energy
-from robot_energy_report.series import Role, Series
+from robot_energy_report.replay_figures import Role, Series, power_and_energy
 
 TIME = np.linspace(0.5, 9.5, 10)
 

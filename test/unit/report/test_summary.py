@@ -10,14 +10,12 @@ from logbook import FRICTION, GRID, LOSS_DC, LOSS_GRID, mapping, wheel_bag, writ
 from robot_energy.foundation.errors import MissingTopicError
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.replay.bag_replay import Replay, replay
-from robot_energy.replay.replay_topics import Topics
-from robot_energy.replay.setup import ReplaySetup
-from robot_energy.results.base import SCHEMA_VERSION
-from robot_energy.results.model import count_tags
+from robot_energy.replay.setup import ReplaySetup, Topics
+from robot_energy.results.base import SCHEMA_VERSION, count_tags
 from robot_energy.results.replay import replay_report
 from robot_energy_logs.log_import import import_log
 from robot_energy_report.replay import beyond_constant, headline
-from robot_energy_report.series import compared_series, predicted_series
+from robot_energy_report.replay_figures import compared_series, predicted_series
 from robots import figure, one_wheel, two_link
 
 SECONDS = 10.0

@@ -7,8 +7,7 @@ import pytest
 from places import ROOT
 from robot_energy_report.document import Document
 from robot_energy_report.html import page_html
-from robot_energy_report.page.saved_page import static_file
-from robot_energy_report.page.terms import TERMS, with_hints
+from robot_energy_report.page.saved_page import TERMS, static_file, with_hints
 
 GLOSSARY = (ROOT / "src/doc/glossary.md").read_text(encoding="utf-8")
 ROWS = [

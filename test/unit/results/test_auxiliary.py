@@ -20,8 +20,7 @@ from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.prediction import predict
 from robot_energy_plan.results.prediction import prediction_report
 from robot_energy_rig import VirtualRig, load_profile
-from robot_energy_rig.auxiliary import PUMP_OFF, PUMP_ON
-from robot_energy_rig.record import record
+from robot_energy_rig.record import PUMP_OFF, PUMP_ON, record
 
 CELL = ROOT / "src/examples/auxiliary/mantis_cell.yaml"
 

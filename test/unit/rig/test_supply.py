@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy_rig import RigConfig, load_profile
-from robot_energy_rig.supply import Supply
+from robot_energy_rig.plant import Supply
 
 PROFILE = load_profile("kr16")
 DC = PROFILE.supply.loss_dc

@@ -16,7 +16,6 @@ from robot_energy.bag import BagWriter
 from robot_energy.bag.cdr.types import typestore
 from robot_energy.foundation.errors import BagError, RobotDescriptionError, UnknownJointError
 from robot_energy.model import load, parse_yaml, validate
-from robot_energy.physics.plausibility import implausible
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli import main
 from robot_energy_identify.starter import (
@@ -25,6 +24,7 @@ from robot_energy_identify.starter import (
     read_description,
     starter_text,
 )
+from robot_energy_identify.starter.model_remarks import implausible
 from robots import C1, C2, I1, I2, L1, M1, M2, TWO_LINK_URDF, G
 
 MODELS = ROOT / "src/robot_energy/models"

@@ -8,7 +8,7 @@ from robot_energy.model import load
 from robot_energy.model.joint import JointThermal
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.store.condition_store import ConditionStore
-from robot_energy.store.envelope import unwrap, wrap
+from robot_energy.store.slots import unwrap, wrap
 from robot_energy.timeline.blocks import Learning
 
 

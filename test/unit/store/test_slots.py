@@ -8,8 +8,7 @@ import pytest
 
 from refusals import refused
 from robot_energy.foundation.errors import StateFileError
-from robot_energy.store.envelope import unwrap, wrap
-from robot_energy.store.slots import MAX_ASIDE, SlotPair
+from robot_energy.store.slots import MAX_ASIDE, SlotPair, unwrap, wrap
 
 
 def slots(folder: Path) -> SlotPair[bytes]:

@@ -39,11 +39,7 @@ class RawBatch:
         log_time_ns: ArrayLike,
         messages: Sequence[bytes | memoryview],
     ) -> RawBatch:
-        """Return messages that were received one by one, in a buffer of their own.
-
-        Args:
-            log_time_ns: Time of receipt of each message, shape (n,). [ns]
-        """
+        """Return messages received at times of shape (n,) [ns], in a buffer of their own."""
         times = np.atleast_1d(np.asarray(log_time_ns, dtype=np.int64))
         if times.shape != (len(messages),):
             raise ShapeError(
@@ -99,11 +95,7 @@ class RawBatch:
         return self.from_messages(self.topic, self.msgtype, self.log_time_ns, messages)
 
     def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
-        """Yield the batch in order, in pieces of bounded size, each behind its first row.
-
-        Args:
-            max_bytes: Of the messages of a piece; a longer message is one of its own.
-        """
+        """Yield pieces of at most so many bytes, or of one message, behind their first row."""
         if int(self.length.sum()) <= max_bytes:
             yield 0, self
             return
@@ -116,11 +108,7 @@ class RawBatch:
             start = stop
 
     def row(self, i: int) -> bytes:
-        """Return message ``i`` as bytes.
-
-        Args:
-            i: Index of the message; negative counts from the end.
-        """
+        """Return message ``i`` as bytes."""
         start, length = int(self.offset[i]), int(self.length[i])
         if not 0 <= start <= start + length <= len(self.buffer):
             raise ShapeError(

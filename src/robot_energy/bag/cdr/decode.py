@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,17 +58,15 @@ _MAX_LONELY = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """Messages of one layout.
+    """Messages of one layout."""
 
-    Attributes:
-        rows: Their indices in the batch, ascending, int64, shape (m,).
-        columns: Per field path: number (m,), numbers (m, k), one more axis per array of messages
-            passed; str or (nested) tuple of str for strings, the same for the whole run; a tuple
-            of arrays where inner arrays differ in length.
-    """
-
-    rows: NDArray[np.int64]
-    columns: dict[str, Column]
+    rows: Annotated[NDArray[np.int64], "Their indices in the batch, ascending, int64, shape (m,)."]
+    columns: Annotated[
+        dict[str, Column],
+        "Per field path: number (m,), numbers (m, k), one more axis per array of messages "
+        "passed; str or (nested) tuple of str for strings, the same for the whole run; a tuple "
+        "of arrays where inner arrays differ in length.",
+    ]
 
     def array(self, path: str) -> NDArray[Any]:
         """Return a numeric column, shape (m, ...)."""
@@ -371,10 +369,7 @@ def _key(found: Walk, data: bytes) -> bytes:
 
 
 def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
-    """Return stamps of a run whose ``sec`` and ``nanosec`` were decoded.
-
-    Args:
-        run: A run with the columns ``<path>.sec`` and ``<path>.nanosec``.
+    """Return stamps of a run, of its columns ``<path>.sec`` and ``<path>.nanosec``.
 
     Returns:
         Time since the epoch, int64, shape (m, ...); ``INVALID_STAMP_NS`` where the

@@ -37,9 +37,6 @@ class Encoder:
             empty), tuple of str for a string sequence or for the string of each element of an
             array of messages (which also fixes the length), number or tuple of numbers for a
             numeric field.
-
-    Attributes:
-        fields: Paths of the numeric fields that ``encode`` needs.
     """
 
     def __init__(
@@ -77,7 +74,7 @@ class Encoder:
             values = np.asarray(self._constants[path])
             self._write(path, plan, row, values[None] if values.shape == shape != () else values)
         self._plans = plans
-        self.fields = tuple(plans)
+        self.fields = tuple(plans)  # paths of the numeric fields that ``encode`` needs
 
     def encode(self, columns: Mapping[str, ArrayLike], n: int) -> NDArray[np.uint8]:
         """Return ``n`` serialized messages, uint8, shape (n, size), little endian.

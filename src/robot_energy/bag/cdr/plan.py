@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +19,14 @@ Column: TypeAlias = "NDArray[Any] | str | tuple[Any, ...]"
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Values at regular distances: a strided view of the rows.
-
-    Attributes:
-        shape: Axes after the row axis.
-        strides: Distance along each of them. [bytes]
-        is_bool: Whether the number means a truth value.
-    """
+    """Values at regular distances: a strided view of the rows."""
 
     offset: int
-    shape: tuple[int, ...]
-    strides: tuple[int, ...]
+    shape: Annotated[tuple[int, ...], "Axes after the row axis."]
+    strides: Annotated[tuple[int, ...], "Distance along each of them. [bytes]"]
     dtype: np.dtype[Any]
     native: np.dtype[Any]
-    is_bool: bool
+    is_bool: Annotated[bool, "Whether the number means a truth value."]
 
     @property
     def plain(self) -> bool:
@@ -69,11 +63,7 @@ Plan: TypeAlias = View | Stack
 
 
 def make_plan(value: Any, number: ScalarField, axes: int, order: str) -> Plan:
-    """Return one view of the numbers of a field where their places are regular, else a stack.
-
-    Args:
-        order: Byte order, ``<`` or ``>``.
-    """
+    """Return one view of the numbers of a field where their places are regular, else a stack."""
     dtype, native = _types(order, number.code)
     if isinstance(value, Slot):
         shape = () if value.count is None else (value.count,)
@@ -142,11 +132,7 @@ def write(plan: Plan, rows: NDArray[np.uint8], values: NDArray[Any]) -> None:
 
 
 def nested(value: Any, names: list[str], leaf: Callable[[Any], Any]) -> Any:
-    """Return one field out of a tree of values, arrays of messages in ``leaf`` containers.
-
-    Args:
-        leaf: What to do with a list at an array of messages (``list`` or ``tuple``).
-    """
+    """Return one field out of a tree of values, arrays of messages in ``leaf`` containers."""
     if isinstance(value, list):
         items: list[Any] = value  # pyright: ignore[reportUnknownVariableType]
         return leaf(nested(item, names, leaf) for item in items)

@@ -61,8 +61,7 @@ class ArrayField:
     size: int
 
 
-MAX_DEPTH = 30
-"""Messages inside messages; those of ROS reach eight."""
+MAX_DEPTH = 30  # messages inside messages; those of ROS reach eight
 MAX_FIELDS = 10_000
 """Fields of one message with all that it is made of; the largest of ROS have some hundreds."""
 
@@ -71,11 +70,7 @@ Wanted: TypeAlias = dict[str, "Wanted"]  # tree of field names; a leaf is an emp
 
 
 def compile_schema(msgtype: str, store: Typestore) -> StructField:
-    """Return the tree of one message type.
-
-    Args:
-        msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-    """
+    """Return the tree of one message type."""
     if msgtype in store.fielddefs:
         check_size(msgtype, store.fielddefs)
     return _record(msgtype, store, ())
@@ -89,8 +84,7 @@ def check_size(
 ) -> int:
     """Return the number of fields of a message type; refuse one too deep or too large.
 
-    Args:
-        fielddefs: Definitions by type; what is not there counts as one field.
+    A type without a definition counts as one field.
     """
     from rosbags.interfaces import Nodetype
 
@@ -158,11 +152,7 @@ def _node(description: Any, store: Typestore, inside: tuple[str, ...]) -> Node:
 
 
 def leaf(schema: StructField, path: str, msgtype: str) -> tuple[ScalarField | StringField, int]:
-    """Return the number or string at the end of a dotted path, and the arrays on the way.
-
-    Args:
-        path: Dotted field path, such as ``header.stamp.sec``.
-    """
+    """Return the number or string at the end of a dotted path, and the arrays on the way."""
     node: Node = schema
     axes = 0
     for depth, name in enumerate(path.split(".")):

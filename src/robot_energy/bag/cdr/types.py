@@ -25,8 +25,7 @@ _IDL_INCLUDE = re.compile(r"^[ \t]*#include.*$", re.MULTILINE)
 """Between the parts of a definition in IDL, and what names the parts, which the parser refuses."""
 MAX_DEFINITION = 256 * 1024
 """Longest definition of a message with all that it is made of; those of ROS reach 60,000."""
-MAX_DEFINITIONS = 4 * 2**20
-"""All definitions of a bag that are parsed. [characters]"""
+MAX_DEFINITIONS = 4 * 2**20  # all definitions of a bag that are parsed [characters]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _MSG_FOLDER = Path(__file__).parent / "msg"
 # Of packages that need not be installed, as far as they are read here, and the most frequent ones
@@ -101,11 +100,7 @@ def _shipped(name: str) -> Typesdict:
 
 
 def definition(name: str) -> str:
-    """Return the text of a message of ours, with its comments.
-
-    Args:
-        name: Without the package, such as ``PowerState``.
-    """
+    """Return the text of a message of ours, such as ``PowerState``, with its comments."""
     path = _MSG_FOLDER / f"{name}.msg"
     if not path.is_file():
         known = ", ".join(sorted(each.stem for each in _MSG_FOLDER.glob("*.msg")))

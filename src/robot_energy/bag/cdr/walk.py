@@ -18,10 +18,8 @@ from robot_energy.bag.cdr.schema import (
     Wanted,
 )
 
-HEADER_SIZE = 4
-"""Bytes of the CDR encapsulation header; alignment counts from its end. [bytes]"""
-MAX_TRAILING = 3
-"""Padding bytes allowed after the payload. [bytes]"""
+HEADER_SIZE = 4  # bytes of the CDR encapsulation header; alignment counts from its end [bytes]
+MAX_TRAILING = 3  # padding bytes allowed after the payload [bytes]
 
 MAX_PARTS = 20_000
 """Strings and messages in the arrays of one message; a large diagnostic message has 10,000."""
@@ -43,11 +41,7 @@ class Slot:
     number: ScalarField
 
     def read(self, data: bytes, order: str) -> NDArray[Any]:
-        """Return the numbers of one message, shape (1,) or (1, count).
-
-        Args:
-            order: Byte order, ``<`` or ``>``.
-        """
+        """Return the numbers of one message in a byte order, shape (1,) or (1, count)."""
         count = 1 if self.count is None else self.count
         at = self.offset if count else 0
         found = np.frombuffer(data, order + self.number.code, count, at)

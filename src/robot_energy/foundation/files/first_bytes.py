@@ -35,11 +35,7 @@ MAX_MAGIC = max(map(len, FIRST_BYTES))
 
 
 def named(path: Path, head: bytes) -> tuple[str, str]:
-    """Return what a file is, as in "x.bag is a ROS 1 bag", and the remedy; empty without one.
-
-    Args:
-        head: Its first bytes, `MAX_MAGIC` of them where it is so long.
-    """
+    """Return what a file is by its first bytes, as in "x.bag is a ROS 1 bag", and the remedy."""
     words = {"path": quote(str(path)), "stem": quote(path.stem), "bag": quote(f"{path.stem}_bag")}
     for magic, (what, remedy) in FIRST_BYTES.items():
         if head.startswith(magic):

@@ -15,10 +15,10 @@ import stat
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
 from robot_energy.foundation.files.placement import OutputPlacement, all_or_none, remove_remains
 from robot_energy.foundation.shown_text import shown
@@ -38,16 +38,11 @@ Names = Iterable[str | os.PathLike[str]]
 ErrorType = type[RobotEnergyError]
 
 
-@dataclass(frozen=True)
-class FileKind:
-    """A kind of file and what its beginning or end holds if this tool wrote it.
-
-    Attributes:
-        start: First bytes of the file; empty for any.
-    """
+class FileKind(Described):
+    """A kind of file and what its beginning or end holds if this tool wrote it."""
 
     name: str
-    start: bytes
+    start: Annotated[bytes, "First bytes of the file; empty for any."]
     mark: bytes
 
 
@@ -80,12 +75,7 @@ def check_file(
     inputs: Names = (),
     error: ErrorType = ReportError,
 ) -> None:
-    """Refuse an output file, before the work that it is for.
-
-    Args:
-        path: The file; ``-`` is the standard output.
-        inputs: Files and folders that the command reads; missing ones are ignored.
-    """
+    """Refuse an output file before the work that it is for; missing inputs are ignored."""
     if os.fspath(path) == STANDARD_OUTPUT:
         return
     target = checked_path(path, what, error)
@@ -271,11 +261,7 @@ def stream_number(target: Path) -> int | None:
 
 
 def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
-    """Return a device, pipe or descriptor open for writing; None for a file or an unused path.
-
-    Args:
-        failure: Makes the exception to raise of an error of the disk.
-    """
+    """Return a device, pipe or descriptor open for writing; None for a file or an unused path."""
     try:
         number = stream_number(target)
         if number is not None:

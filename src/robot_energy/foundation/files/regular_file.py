@@ -21,11 +21,7 @@ from robot_energy.foundation.errors import CredentialsError
 
 
 def require_private(path: str, what: str, remedy: str = "") -> Path:
-    """Return the path of a file of secrets; refuse one that others can read or write.
-
-    Args:
-        path: The file; ``~`` is the home folder.
-    """
+    """Return the path of a file of secrets; refuse one that others can read or write."""
     full = Path(path).expanduser()
     try:
         status = full.stat()
@@ -130,10 +126,7 @@ def read_regular(path: str | Path, max_bytes: int) -> bytes:
 def read_regular_text(
     path: str | Path, max_bytes: int, encoding_of: Callable[[bytes], str] | None = None
 ) -> str:
-    """Return the text of a regular file of bounded size, with line feeds alone.
-
-    Args:
-        encoding_of: Finds the encoding; by default it is UTF-8.
+    """Return the text of a regular file of bounded size, UTF-8 by default, with line feeds alone.
 
     Raises:
         OSError: If it cannot be read, is not a regular file, is larger or has no known encoding.

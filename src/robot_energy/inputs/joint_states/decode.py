@@ -227,23 +227,17 @@ class JointStateReader:
         for place, each in enumerate(self._corrections[: len(quantities)]):
             if each is not None:
                 quantities[place] = each.apply(quantities[place])
+        position, velocity = quantities[:2]
         part = joint_block(stamp, *quantities)
-        good = self._usable(part)
-        return (part, rows) if good is None else (part[good], rows[good])
-
-    def _usable(self, part: JointBlock) -> Mask | None:
-        """Refuse messages, each for the first reason that applies; None if none is."""
-        stamp, position, velocity = part.stamp_ns, part.joint_position, part.joint_velocity
         dated = int(stamp.min(initial=1)) > 0 and int(stamp.max(initial=1)) <= MAX_STAMP_NS
         with np.errstate(over="ignore", invalid="ignore"):
-            finite = bool(np.isfinite(position.sum() + velocity.sum()))
-        if dated and finite:
-            return None
+            if dated and np.isfinite(position.sum() + velocity.sum()):
+                return part, rows
         infinite = np.logical_or.reduce(np.isinf(position) | np.isinf(velocity), axis=1)
         left = self._log.refuse(
             {"zero_stamp": stamp == 0, BAD_STAMP: ~valid_stamps(stamp), "not_finite": infinite}
         )
-        return None if bool(left.all()) else left
+        return part[left], rows[left]
 
     def _place(self, run: Run, batch: RawBatch) -> _Rows | str:
         """Return stamps and quantities of a run in model order, or why there are none."""

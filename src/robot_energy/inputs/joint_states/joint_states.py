@@ -72,9 +72,6 @@ class ZeroStateFilter:
     one is left out. The robot's own states stay in use, which the check for a second publisher
     would refuse with them. A robot that stands at zero is left alone.
 
-    Args:
-        limits: Limits from the URDF; None to allow what any joint can do.
-
     Attributes:
         held: A message that waits for the next one; None if there is none.
     """
@@ -109,11 +106,7 @@ class ZeroStateFilter:
         )
 
     def step(self, block: JointBlock) -> JointBlock | None:
-        """Return the messages without those of a publisher of zeros, or None.
-
-        Args:
-            block: One or more, one sample each, in order of arrival.
-        """
+        """Return the messages without those of a publisher of zeros, or None."""
         if self.held is not None:
             block, self.held = JointBlock.concatenate([self.held, block]), None
         stamp, position, velocity = block.stamp_ns, block.joint_position, block.joint_velocity

@@ -6,11 +6,12 @@ A velocity beyond the robot that its positions do not support is refused; others
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.inputs.parameters import POSITIONS
@@ -44,23 +45,17 @@ IMPOSSIBLE_VELOCITY = "impossible_velocity"  # the reason under which such messa
 MIN_SUPPORT = 0.25  # share of a velocity that the step of the position must show
 
 
-@dataclass(frozen=True)
-class JointStateProblem:
-    """Something that makes joint states doubtful.
-
-    Attributes:
-        first_ns: Stamp of the first sample concerned. [ns]
-        severe: Whether samples cannot be used because of it.
-        everywhere: Whether it concerns all samples, so that no figure is right.
-        setting: Line of the parameter file that mends it, where one does.
-    """
+class JointStateProblem(Described):
+    """Something that makes joint states doubtful."""
 
     sentence: str
-    first_ns: int
+    first_ns: Annotated[int, "Stamp of the first sample concerned. [ns]"]
     last_ns: int
-    severe: bool = False
-    everywhere: bool = False
-    setting: str = ""
+    severe: Annotated[bool, "Whether samples cannot be used because of it."] = False
+    everywhere: Annotated[bool, "Whether it concerns all samples, so that no figure is right."] = (
+        False
+    )
+    setting: Annotated[str, "Line of the parameter file that mends it, where one does."] = ""
 
 
 class _Seen:
@@ -127,8 +122,16 @@ class Plausibility:
             rows = np.logical_or.reduce(beyond, axis=1)
             mark(block.quality, rows, Quality.JOINT_STATE_IMPLAUSIBLE)
             self._note_beyond(block, rows)
-        self._check_zeros(block)
-        self._check_velocities(block)
+        position = block.joint_position
+        if self._zero_since is not None or np.count_nonzero(position) < position.size:
+            self._check_zeros(block)
+        before, last = self._last, len(block) - 1
+        stamp, segment, velocity = block.stamp_ns, block.segment, block.joint_velocity
+        self._last = int(stamp[last]), int(segment[last]), position[last], velocity[last]
+        known = int(stamp[0]) if before is None else before[0]
+        rows = np.flatnonzero(differences(stamp // EVERY_NS, known // EVERY_NS))
+        if len(rows):
+            self._check_velocities(block, rows, before)
 
     def refused(self, block: JointBlock) -> None:
         """Note messages that were refused for their velocity: they may show the unit."""
@@ -156,10 +159,7 @@ class Plausibility:
         self._speed = np.maximum(self._speed, speed.max(axis=0))
 
     def _check_zeros(self, block: JointBlock) -> None:
-        position = block.joint_position
-        if self._zero_since is None and np.count_nonzero(position) == position.size:
-            return
-        zero = (position == 0).all(axis=1) & (
+        zero = (block.joint_position == 0).all(axis=1) & (
             (block.joint_velocity == 0) | np.isnan(block.joint_velocity)
         ).all(axis=1)
         size = len(zero)
@@ -176,16 +176,12 @@ class Plausibility:
             self._zero_for = max(self._zero_for, int((stamp - since)[rows].max()))
         self._zero_since = int(since[-1]) if zero[-1] else None
 
-    def _check_velocities(self, block: JointBlock) -> None:
-        """Compare velocity with the slope of the position, four times a second."""
-        before, last = self._last, len(block) - 1
+    def _check_velocities(
+        self, block: JointBlock, rows: Int, before: tuple[int, int, Float, Float] | None
+    ) -> None:
+        """Compare velocity with the slope of the position at some samples, four a second."""
         stamp, segment = block.stamp_ns, block.segment
-        known = int(stamp[0]) if before is None else before[0]
-        rows = np.flatnonzero(differences(stamp // EVERY_NS, known // EVERY_NS))
         position, velocity = block.joint_position, block.joint_velocity
-        self._last = (int(stamp[last]), int(segment[last]), position[last], velocity[last])
-        if not len(rows):
-            return
         elapsed = stamp[rows] - stamp[rows - 1]
         same = segment[rows] == segment[rows - 1]
         step = position[rows] - position[rows - 1]

@@ -45,15 +45,11 @@ BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sam
 
 
 class _Repeats:
-    """Counts the steps of a moving robot after values that its driver has repeated.
-
-    Attributes:
-        hold: How long values stand. [s]
-    """
+    """Counts the steps of a moving robot after values that its driver has repeated."""
 
     def __init__(self) -> None:
         self.count = self.first_ns = self.last_ns = self.messages = 0
-        self.hold = 0.0
+        self.hold = 0.0  # how long values stand [s]
 
     def note(self, stamp_ns: Int, elapsed: Int, held: Int, repeated: Mask) -> None:
         """Take samples.
@@ -105,22 +101,13 @@ class PositionJumpDetector:
 
     @classmethod
     def of(cls, n_joints: int, limits: JointLimits | None) -> PositionJumpDetector:
-        """Return a watch of all joints of a robot, by its limits if they are known.
-
-        Args:
-            limits: Limits from the URDF; without them (None) no joint has a limit or turns without
-                end.
-        """
+        """Return a watch of all joints of a robot, by its limits if they are known."""
         if limits is None:
             return cls(np.full(n_joints, np.inf), np.zeros(n_joints, dtype=np.bool_))
         return cls(limits.velocity, limits.wraps)
 
     def joint(self, index: int) -> PositionJumpDetector:
-        """Return a fresh watch of one of the joints.
-
-        Args:
-            index: Of the joint, 0 to n - 1.
-        """
+        """Return a fresh watch of one of the joints."""
         one = slice(index, index + 1)
         return PositionJumpDetector(self._allowed[one] / MAX_STEP_RATIO, self._wraps[one])
 
@@ -210,11 +197,7 @@ class PositionJumpDetector:
         return np.minimum(stood, np.take_along_axis(holds, last[:-1], 0))
 
     def back(self, stamp_ns: int, leap: Directions) -> Mask:
-        """Return which joints leap back in a row of leaps, shape (n,); rows come in order.
-
-        Args:
-            leap: Shape (n,).
-        """
+        """Return which joints leap back in a row of leaps, shape (n,); rows come in order."""
         fresh = stamp_ns - self.lone_ns <= MEMORY_NS
         lone = np.where(fresh, self.lone, 0)
         back = leap * lone < 0
@@ -237,9 +220,6 @@ class PublisherConflictFilter:
     position that is corrupt. A leap that stays is a jump of one publisher (an
     encoder referenced again) and begins a new segment. After a sign, samples are refused
     until a second has passed without another.
-
-    Args:
-        limits: Limits from the URDF; None to allow what any joint can do.
 
     Attributes:
         joints: Joints whose positions gave a sign, shape (n,).
@@ -266,19 +246,11 @@ class PublisherConflictFilter:
         self._broken = False  # something is missing before the next sample
 
     def dispute(self, stamps_ns: Iterable[int]) -> None:
-        """Note that messages contradicted each other.
-
-        Args:
-            stamps_ns: Of the messages; the first sample after each gives the sign. [ns]
-        """
+        """Note that messages of these stamps contradicted each other."""
         self._disputes += stamps_ns
 
     def begin_epoch(self, restless: bool, stamp_ns: int) -> JointBlock | None:
-        """Return the samples that waited, or None; the stamps have jumped back.
-
-        Args:
-            restless: Whether they did so twice within a second: two clocks take turns.
-        """
+        """Return the samples that waited; stamps jumped back, twice within a second if restless."""
         held = self.flush()
         self.steps.begin_epoch()
         self._disputes.clear()

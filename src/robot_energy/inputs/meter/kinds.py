@@ -115,11 +115,7 @@ OTHER = MeterKind(
 
 
 def meter_kind(msgtype: str) -> MeterKind:
-    """Return the kind of a message type; `OTHER` for a type that the table lacks.
-
-    Args:
-        msgtype: Full name of the type, such as ``std_msgs/msg/Float64``.
-    """
+    """Return the kind of a message type; `OTHER` for a type that the table lacks."""
     return METER_KINDS.get(msgtype, OTHER)
 
 

@@ -62,10 +62,6 @@ class MeterIngest:
     All readings of a meter must have one meaning and one location; where the messages say
     them, those of the first reading, and others are rejected as ``changed_meaning``.
 
-    Args:
-        source: What the meter is; by default a topic of PowerReading.
-        typestore: Message definitions of the source; those known here by default.
-
     Attributes:
         rejections: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current

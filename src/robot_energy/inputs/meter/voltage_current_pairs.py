@@ -36,12 +36,7 @@ class Pairing:
         self._newest_ns: int | None = None
 
     def step(self, voltage: Values, current: Values) -> Values:
-        """Return times [ns] and powers [W] of the currents that found their voltage by now.
-
-        Args:
-            voltage: Times [ns] and voltages [V].
-            current: Times [ns] and currents [A].
-        """
+        """Return times [ns] and powers [W] of the currents that found their voltage by now."""
         times = np.concatenate([voltage[0], current[0]])
         if not len(times):
             return _nothing()

@@ -48,13 +48,6 @@ class TemperatureReader:
     that the source does not list, are ignored and listed. Of a source that is quicker than
     temperatures change, the first reading of a joint in each tenth of a second counts.
     A fault code counts as no reading, unless the last other reading is within 2 K of it.
-
-    Args:
-        typestore: Message definitions of the source; those known here by default.
-
-    Attributes:
-        ignored_joints: Names met that are none of the source's joints.
-        missing_readings: Values that were not numbers, in messages that were accepted.
     """
 
     def __init__(
@@ -67,8 +60,8 @@ class TemperatureReader:
         self.name, self.source = name, source
         self.rejections = RejectionLog()
         self.keys_account = RejectionLog()
-        self.ignored_joints: set[str] = set()
-        self.missing_readings = 0
+        self.ignored_joints: set[str] = set()  # names met that are none of the source's joints
+        self.missing_readings = 0  # values that were not numbers, in messages that were accepted
         self._joint_names = tuple(joint_names)
         self._offset = ZERO_DEGC if source.unit == "kelvin" else 0.0
         self._codes_degc = np.array(FAULT_CODES) - self._offset
@@ -86,11 +79,7 @@ class TemperatureReader:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
 
     def read(self, batches: Mapping[str, RawBatch]) -> TemperatureReadings | None:
-        """Return the readings in messages in order of arrival; None if there are none.
-
-        Args:
-            batches: Serialised messages by topic; topics of other sources are left alone.
-        """
+        """Return the readings in messages in order of arrival; None if there are none."""
         parts = [part for batch in self._pieces(batches) for part in self._decode(batch)]
         if not parts:
             return None

@@ -101,11 +101,7 @@ class StuckTemperatureDetector:
         return marks
 
     def _close(self, windows: int) -> None:
-        """Judge the window that ended, and the time without samples after it.
-
-        Args:
-            windows: From it to the next one with samples; negative in a new epoch.
-        """
+        """Judge the window that ended, and those without samples after it; < 0: a new epoch."""
         known = self._last[~np.isnan(self._last)]
         self._coldest = float(min([self._coldest, *known.tolist()]))
         again = self._changed | (windows < 0)

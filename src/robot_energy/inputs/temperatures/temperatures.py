@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -30,15 +29,10 @@ if TYPE_CHECKING:
     from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 
 
-@dataclass(frozen=True)
 class _Arrived(TemperatureBlock):
-    """Readings of all sources in order of arrival.
+    """Readings of all sources in order of arrival."""
 
-    Attributes:
-        source: Number of the reader of each, shape (N,).
-    """
-
-    source: Int
+    source: Annotated[Int, "Number of the reader of each, shape (N,)."]
 
 
 class TemperatureIngest:
@@ -145,11 +139,7 @@ class TemperatureIngest:
         return next(each.rejections for each in self.readers if topic == each.source.topic)
 
     def arrivals(self, batches: Sequence[RawBatch]) -> list[tuple[RejectionLog, int]]:
-        """Return every account, with how many messages of some batches belong to it.
-
-        Args:
-            batches: At most one of each topic, values and names alike.
-        """
+        """Return every account, with how many messages of some batches belong to it."""
         counts = {batch.topic: len(batch) for batch in batches}
         pairs = [(each.rejections, each.source.topic) for each in self.readers]
         pairs += [(each.keys_account, each.keys_topic) for each in self.readers]

@@ -9,11 +9,12 @@ import math
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.urdf.limits import UNLIMITED, limit_values, usable_limit
 from robot_energy.physics.urdf.parse import RESERVED_NAMES, check_numbers, read_elements
@@ -25,45 +26,35 @@ _OF_DYNAMICS = {"link": ("inertial",), "joint": ("parent", "child", "origin", "a
 LOCKED_AT = 0.0  # where joints stand that the model does not name [rad] or [m]
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of the modelled joints from the URDF, joint side.
-
-    Attributes:
-        lower: Shape (n,), -inf where there is none (continuous joints). [rad] or [m]
-        upper: Shape (n,), inf where there is none. [rad] or [m]
-        velocity: Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]
-        effort: Shape (n,), likewise. [N m] or [N]
-        prismatic: Which joints move in m, shape (n,).
-        wraps: Which joints turn without end, so that 2 pi is not a step, shape (n,).
-    """
+class JointLimits(Described):
+    """Limits of the modelled joints from the URDF, joint side."""
 
     joint_names: tuple[str, ...]
-    lower: Float
-    upper: Float
-    velocity: Float
-    effort: Float
-    prismatic: NDArray[np.bool_]
-    wraps: NDArray[np.bool_]
+    lower: Annotated[
+        Float, "Shape (n,), -inf where there is none (continuous joints). [rad] or [m]"
+    ]
+    upper: Annotated[Float, "Shape (n,), inf where there is none. [rad] or [m]"]
+    velocity: Annotated[
+        Float, "Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]"
+    ]
+    effort: Annotated[Float, "Shape (n,), likewise. [N m] or [N]"]
+    prismatic: Annotated[NDArray[np.bool_], "Which joints move in m, shape (n,)."]
+    wraps: Annotated[
+        NDArray[np.bool_], "Which joints turn without end, so that 2 pi is not a step, shape (n,)."
+    ]
 
     def unit(self, joint: int) -> str:
         """Return the unit of the position: ``m`` of a prismatic joint, else ``rad``."""
         return "m" if self.prismatic[joint] else "rad"
 
 
-@dataclass(frozen=True)
-class JointEntry:
-    """One moving joint of a URDF.
-
-    Attributes:
-        modelled: Whether its motion is modelled; if not, it is locked.
-        remark: Its limits if it is modelled, else why it is not.
-    """
+class JointEntry(Described):
+    """One moving joint of a URDF."""
 
     name: str
     kind: str
-    modelled: bool
-    remark: str
+    modelled: Annotated[bool, "Whether its motion is modelled; if not, it is locked."]
+    remark: Annotated[str, "Its limits if it is modelled, else why it is not."]
 
     @property
     def state(self) -> str:
@@ -71,19 +62,15 @@ class JointEntry:
         return "modelled" if self.modelled else f"locked at {LOCKED_AT:g}"
 
 
-@dataclass(frozen=True)
-class Inventory:
-    """What of a URDF is modelled, and what is not.
-
-    Attributes:
-        massless_links: Links that move without a mass of their own.
-        allowed_massless: Those of them whose whole body has none, on purpose.
-    """
+class Inventory(Described):
+    """What of a URDF is modelled, and what is not."""
 
     joints: tuple[JointEntry, ...]
     fixed_joints: int
-    massless_links: tuple[str, ...]
-    allowed_massless: tuple[str, ...]
+    massless_links: Annotated[tuple[str, ...], "Links that move without a mass of their own."]
+    allowed_massless: Annotated[
+        tuple[str, ...], "Those of them whose whole body has none, on purpose."
+    ]
 
     @property
     def locked_joints(self) -> tuple[str, ...]:

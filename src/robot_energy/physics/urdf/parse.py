@@ -23,8 +23,6 @@ MAX_ATTRIBUTES = 100  # of one element; a real URDF has six
 MAX_VALUE = 1e9  # no figure of a robot is larger, whatever its unit
 MIN_AXIS_LENGTH = 1e-6  # length of an axis that still has a direction
 INERTIA_TOLERANCE = 1e-5  # kg m^2 by which a principal moment may be negative: digits cut off
-MAX_MOMENT_RATIO = 1.5  # of a principal moment over the sum of the other two; digits leave 1
-MIN_REACH = 1.0  # m; a smaller robot is taken for one of that size
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 RESERVED_NAMES = ("universe", "root_joint")  # of the dynamics library
 
@@ -147,63 +145,8 @@ def check_numbers(root: ET.Element) -> None:
                 )
 
 
-def prefix_remarks(root: ET.Element) -> list[str]:
-    """Return a sentence for each prefix that the URDF uses and does not declare."""
-    known, used = {"xml", "xmlns"}, dict[str, None]()
-    for element in root.iter():
-        for name in (element.tag, *element.keys()):
-            prefix, colon, rest = name.partition(":")
-            if colon:
-                used[prefix] = None
-                known.update([rest] if prefix == "xmlns" else [])
-    return [
-        f"the URDF uses the prefix '{prefix}' without declaring it, which other programs refuse: "
-        f'add xmlns:{prefix}="..." to its element robot'
-        for prefix in used
-        if prefix not in known
-    ]
-
-
-def inertia_remarks(root: ET.Element) -> list[str]:
-    """Return a sentence for each body whose inertia no distribution of its mass can have.
-
-    That is where the mass would lie outside of the robot, or where a principal moment of inertia
-    exceeds the sum of the other two.
-
-    Args:
-        root: The element ``robot``, checked by `check_numbers`.
-    """
-    origins = [*root.iterfind("joint/origin"), *root.iterfind("link/inertial/origin")]
-    offsets = [[float(word) for word in origin.get("xyz", "0").split()] for origin in origins]
-    travel = [
-        abs(float(limit.get(key, "0")))
-        for limit in root.iterfind("joint[@type='prismatic']/limit")
-        for key in ("lower", "upper")
-    ]
-    reach = max(MIN_REACH, sum(travel) + sum(float(np.linalg.norm(xyz)) for xyz in offsets))
-    found: list[str] = []
-    for link in root.findall("link"):
-        mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
-        if mass is None or inertia is None:
-            continue
-        kilogram = float(mass.get("value", "0"))
-        small, middle, largest = _principal_moments(inertia)
-        if largest > kilogram * reach**2 > 0:
-            found.append(
-                f"link '{link.get('name')}': {kilogram:.4g} kg cannot have an inertia of "
-                f"{largest:.4g} kg m^2 in a robot of {reach:.2g} m: are its units right?"
-            )
-        elif largest > MAX_MOMENT_RATIO * (small + middle) + INERTIA_TOLERANCE:
-            found.append(
-                f"link '{link.get('name')}': no body has principal moments of inertia of "
-                f"{small:.4g}, {middle:.4g} and {largest:.4g} kg m^2: the largest is at most "
-                "the sum of the others; check ixx to iyz"
-            )
-    return found
-
-
-def _principal_moments(inertia: ET.Element) -> list[float]:
-    """From the smallest to the largest. [kg m^2]"""
+def principal_moments(inertia: ET.Element) -> list[float]:
+    """Return the principal moments, from the smallest to the largest. [kg m^2]"""
     ixx, iyy, izz, ixy, ixz, iyz = (float(inertia.get(key, "0")) for key in INERTIA)
     matrix = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     return np.linalg.eigvalsh(matrix).tolist()
@@ -261,7 +204,7 @@ def _check_inertial(link: ET.Element, owner: str) -> None:
             "all six of ixx, iyy, izz, ixy, ixz, iyz",
             "a body of which only the mass is known has an inertia of zeros",
         )
-    moments = _principal_moments(inertia)
+    moments = principal_moments(inertia)
     if moments[0] < -(INERTIA_TOLERANCE + 1e-3 * moments[2]):
         raise RobotDescriptionError(
             f"{owner} has a principal moment of inertia of {moments[0]:.3g} kg m^2",

@@ -18,7 +18,7 @@ from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_cli.main import main
 from robot_energy_identify.drives.drive_data import drive_data_of_logs
 from robot_energy_identify.drives.drive_power import drive_topics
-from robot_energy_identify.drives.drives import fit_drives, with_drives
+from robot_energy_identify.drives.drives import AxisSamples, fit_drives, with_drives
 from robot_energy_identify.drives.efficiency_map import fitted_efficiency
 from robot_energy_identify.drives.loss_map import KNOTS, fit_loss_map
 from robot_energy_identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
@@ -287,7 +287,7 @@ def test_a_loss_map_finds_losses_of_any_form():
 
     noise = np.random.default_rng(4).normal(scale=3.0, size=len(velocity))
     power = torque * velocity + loss(np.abs(velocity), np.abs(torque)) + noise
-    found = fit_loss_map(velocity, torque, degc, power, window)
+    found = fit_loss_map(AxisSamples(velocity, torque, degc, power, window))
     at = np.asarray(found.motor_velocity)[:, None], np.asarray(found.motor_torque)[None, :]
     error = np.asarray(found.loss) - loss(*at)
     assert np.abs(error).max() < 2.0  # at a corner of the map, of losses up to 76 W
@@ -301,7 +301,7 @@ def test_a_loss_map_never_falls_where_noise_does(of):
     velocity, torque, degc, window = moved()
     falling = 20.0 - (0.1 * np.abs(velocity) if of == "speed" else 5.0 * np.abs(torque))
     power = torque * velocity + falling
-    loss = np.asarray(fit_loss_map(velocity, torque, degc, power, window).loss)
+    loss = np.asarray(fit_loss_map(AxisSamples(velocity, torque, degc, power, window)).loss)
     np.testing.assert_allclose(loss, falling.mean(), atol=0.1)
     assert (np.diff(loss, axis=0) >= 0.0).all()
     assert (np.diff(loss, axis=1) >= 0.0).all()
@@ -328,9 +328,9 @@ def test_a_drive_that_stands_has_no_loss_map():
     velocity, torque, degc, window = moved()
     still = np.zeros_like(velocity)
     with pytest.raises(NotIdentifiableError, match="loss map"):
-        fit_loss_map(still, torque, degc, torque, window)
+        fit_loss_map(AxisSamples(still, torque, degc, torque, window))
     with pytest.raises(NotIdentifiableError, match="loss map"):
-        fit_loss_map(velocity[:50], torque[:50], degc[:50], torque[:50], window[:50])
+        fit_loss_map(AxisSamples(*(each[:50] for each in (velocity, torque, degc, torque, window))))
 
 
 def test_an_array_of_another_length_is_refused_by_name(bags, capsys):

@@ -5,11 +5,11 @@ import os
 from pathlib import Path
 
 import pytest
+from left_out import ur3e, width_ratio, xarm_friction, yu_cobot
 
 from places import ROOT
 from robot_energy.model import load
 from robot_energy_cli.main import main
-from robot_energy_studies.left_out import ur3e, width_ratio, xarm_friction, yu_cobot
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
@@ -40,8 +40,9 @@ def test_bands_of_real_energies_hold_and_are_of_use():
 
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
 def test_real_friction_at_a_temperature_left_out_lies_in_its_interval():
-    rows = list(xarm_friction(Path(DATA) / "xarm6_j3" / "no_payload.csv.gz"))
-    assert sum(row.inside for row in rows) >= 0.85 * len(rows) > 10.0
+    """At every second temperature; `test/bench/left_out.py` has all of them."""
+    rows = list(xarm_friction(Path(DATA) / "xarm6_j3" / "no_payload.csv.gz", every=2))
+    assert sum(row.inside for row in rows) >= 0.85 * len(rows) > 5.0
     assert max(row.half for row in rows) < 0.03
 
 

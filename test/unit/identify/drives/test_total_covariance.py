@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from robot_energy.certainty.band import Z90
+from robot_energy.certainty.deviation import Z90
 from robot_energy.certainty.priors import SPREAD
 from robot_energy.model import load
 from robot_energy.model.schema import Covariance

@@ -176,9 +176,10 @@ def test_a_log_without_currents_or_temperatures_is_refused(tmp_path, lacking):
 
 @pytest.mark.skipif(not DATA, reason="skipped: no data folder (ROBOT_ENERGY_DATA)")
 def test_the_afternoon_of_a_real_ur3_follows_from_its_morning(tmp_path):
+    from thermal_observer import free_runs
+
     from robot_energy_logs.log_import import open_logs
     from robot_energy_logs.mapping import load_mapping
-    from robot_energy_studies.thermal_study import free_runs
 
     mapping = ROOT / "src/examples/mappings/ur3_cobotops.yaml"
     log = str(Path(DATA) / "ur3_cobotops/dataset_02052023.csv")

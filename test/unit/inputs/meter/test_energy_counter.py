@@ -9,7 +9,7 @@ from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
-from robot_energy.timeline.pieces import CoveredPieces
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
 SECOND = 10**9
 WATT_HOUR = 3600.0
@@ -144,7 +144,7 @@ def test_a_coarse_counter_may_be_cut_anywhere(cut):
     found = counter()
     stamp, count = np.arange(8.0), np.array([0.0, 0, 36e3, 36e3, 36e3, 72e3, 72e3, 72e3])
     pieces = pieces_of(found, stamp[:cut], count[:cut])
-    pieces = pieces.join(pieces_of(found, stamp[cut:], count[cut:]))
+    pieces = CoveredPieces.concatenate([pieces, pieces_of(found, stamp[cut:], count[cut:])])
     assert pieces.stamp_ns.tolist() == [2 * SECOND]
     assert pieces.start_power.tolist() == [12e3]
 
@@ -241,9 +241,9 @@ def test_counting_does_not_depend_on_the_cutting_and_every_reading_is_accounted_
             if stop > start:
                 parts += curve.step(readings[slice(start, stop)])
             assert curve.rejections.balanced
-        pieces = CoveredPieces.empty()
+        pieces = NO_PIECES
         for part in parts:
-            pieces = pieces.join(part)
+            pieces = CoveredPieces.concatenate([pieces, part])
         count = curve.counter
         return curve, pieces, (count.resets, count.reset_ns, count.wraps, count.low, count.high)
 

@@ -14,7 +14,7 @@ from refusals import refused
 from robot_energy.foundation.errors import RobotDescriptionError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import parse
-from robot_energy.physics.urdf.parse import prefix_remarks
+from robot_energy_identify.starter.model_remarks import prefix_remarks
 
 GOOD = robots.TWO_LINK_URDF
 NAMES = ("shoulder", "elbow")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.physics.urdf.checks import joint_limits, parse
-from robot_energy.physics.urdf.limits import limit_remarks
+from robot_energy_identify.starter.model_remarks import limit_remarks
 
 
 def limited(limit, kind="revolute"):

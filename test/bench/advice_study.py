@@ -5,11 +5,13 @@ A plant then runs from cold with waits and a long rest, sped up in heating. From
 alone the tool advises; the rig applies the advice: it starts at the warm temperature, holds at the
 place advised, rests in a state whose power is drawn from its stated deviation, and a supply whose
 efficiency is drawn likewise returns what went into its own resistor. Simulated throughout.
+
+    python test/bench/advice_study.py FIRST PLANTS
 """
 
 from __future__ import annotations
 
-import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -199,9 +201,12 @@ def count(rows: Sequence[JudgedAdvice]) -> list[str]:
 
 
 if __name__ == "__main__":
-    first, plants = int(sys.argv[1]), int(sys.argv[2])
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("first", type=int, help="seed of the first plant")
+    parser.add_argument("plants", type=int, help="how many")
+    asked = parser.parse_args()
     judged: list[JudgedAdvice] = []
-    for plant in range(first, first + plants):
+    for plant in range(asked.first, asked.first + asked.plants):
         with TemporaryFolder() as scratch:
             judged += _judge_advice(scratch.path, plant, TRAINING)
     print("\n".join(count(judged)))

@@ -1,4 +1,4 @@
-"""Torque error below 10 Hz, as identification measures it, of a model that runs as the monitor.
+"""Torque error of a model that runs as the monitor: as it is, and below 10 Hz.
 
 Identification passes both sides of its equation through one low-pass without delay, so the noise
 of accelerations and of torque sensors counts on neither. The monitor has no such filter. Both
@@ -15,13 +15,76 @@ import numpy as np
 
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.timeline.blocks import DOUBTFUL, NANOSECOND, Float, PowerBlock
+from robot_energy.timeline.blocks import DOUBTFUL, NANOSECOND, Float, Int, PowerBlock
 from robot_energy_identify.data.observations import Filters, usable
 from robot_energy_plan.motion.sampled_motion import low_pass, uniform
 
 PIECE = 60.0  # filtered at once, so that memory does not grow [s]
 MIN_LENGTH = 1.0  # of a piece [s]
 MAX_STEP = 0.1  # between samples of one stretch [s]
+
+
+class TorqueErrorSums:
+    """Error of the motor torque of each joint, over all samples and while the joint moves.
+
+    A sample counts for a joint where its torque was measured and its acceleration comes from
+    a full window. At rest friction is anything up to its Coulomb value, which no model can
+    predict; therefore the moving samples count once more for themselves.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._drivetrain = Drivetrain.from_model(model)
+        self._standstill = np.array([joint.standstill_velocity for joint in model.joints])
+        count = len(model.joints)
+        self._samples: Int = np.zeros((2, count), dtype=np.int64)  # all, moving
+        self._squares = np.zeros((2, 2, count))  # error, measured; all, moving [(N m)^2]
+
+    def step(self, block: PowerBlock) -> None:
+        """Take power samples."""
+        measured = block.motor_torque_measured
+        error = block.motor_torque - measured
+        sound = (block.quality & np.uint32(DOUBTFUL)) == 0
+        known = np.isfinite(error) & sound[:, None]
+        speed = self._drivetrain.joint_velocity_from_motor(block.motor_velocity)
+        moving = known & (np.abs(speed) > self._standstill)
+        for place, rows in enumerate((known, moving)):
+            self._samples[place] += rows.sum(axis=0)
+            for part, values in enumerate((error, measured)):
+                self._squares[part, place] += (np.where(rows, values, 0.0) ** 2).sum(axis=0)
+
+    def add(self, other: TorqueErrorSums) -> None:
+        """Take all samples of another recording."""
+        self._samples += other._samples
+        self._squares += other._squares
+
+    @property
+    def samples(self) -> Int:
+        """How many counted, all and moving, shape (2, n)."""
+        return self._samples
+
+    @property
+    def rms(self) -> Float:
+        """Of predicted minus measured torque, all and moving, shape (2, n). [N m]"""
+        return self._mean_root(0)
+
+    @property
+    def measured_rms(self) -> Float:
+        """Of the measured torque: the error of a prediction of 0 N m, shape (2, n). [N m]"""
+        return self._mean_root(1)
+
+    @property
+    def relative(self) -> Float:
+        """Norm of the error over that of the measured torque, shape (2, n). [-]"""
+        return _ratio(self._squares[0], self._squares[1])
+
+    @property
+    def relative_of_all(self) -> Float:
+        """The same of all joints together, shape (2,). [-]"""
+        return _ratio(self._squares[0].sum(axis=1), self._squares[1].sum(axis=1))
+
+    def _mean_root(self, part: int) -> Float:
+        count = np.where(self._samples > 0, self._samples, 1)
+        return np.where(self._samples > 0, np.sqrt(self._squares[part] / count), np.nan)
 
 
 class LowPassTorqueError:

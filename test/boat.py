@@ -2,7 +2,7 @@
 
 The paper prints a tug boat that is not ours to ship. This one has what makes such a shape harder
 than a wall: outlines that change from layer to layer, curves of every radius, and layers with an
-opening. ``python -m robot_energy_papers.boat`` writes ``boat.stl``.
+opening. ``python test/boat.py`` writes ``boat.stl``.
 """
 
 from __future__ import annotations

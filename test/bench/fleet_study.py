@@ -4,7 +4,7 @@ The fleets are those of `robot_energy_studies.generated_fleet`, without the way 
 and pipeline are joined directly, which takes a third of the time. All that the report reads comes
 from the same accumulators; only the energy of a job is summed here, from the samples and the meter.
 
-Run it with ``python -m robot_energy_studies.fleet_study SEEDS``.
+    python test/bench/fleet_study.py SEEDS [--sound]
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Learning
+from robot_energy_fleet.bag_joints import JointSums
 from robot_energy_fleet.bag_sums import HourSums
-from robot_energy_fleet.joint_sums import JointSums
 from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.results.fleet import FleetReport
 from robot_energy_fleet.tables import FleetTables, Rows, tables_of
@@ -138,7 +138,7 @@ def main(argv: list[str] | None = None) -> int:
     Args:
         argv: Words of the command line; None for those of the process.
     """
-    parser = ArgumentParser(prog="fleet_study", description=(__doc__ or "").partition("\n")[0])
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("seeds", type=int, nargs="+", help="of the fleets")
     parser.add_argument("--sound", action="store_true", help="without the three faults")
     args = parser.parse_args(argv)

@@ -6,11 +6,13 @@ begun at once; `advise` gets one recording and speaks of two such robots with an
 is the true power of the drives in the supply circuit of the rig, whose chopper has hysteresis and
 whose rectifier loses: once in a supply for each robot, once in one with the capacitors, resistors
 and constant losses of both. Simulated throughout.
+
+    python test/bench/bus_study.py FIRST PLANTS
 """
 
 from __future__ import annotations
 
-import sys
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,9 +32,9 @@ from robot_energy_papers.job_pool import Steps, job_pool
 from robot_energy_plan.api.shared_bus import shared_bus as shared_bus_of
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
+from robot_energy_rig.plant import Supply
 from robot_energy_rig.profile import SupplyProfile
 from robot_energy_rig.record import record
-from robot_energy_rig.supply import Supply
 from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig
 from robot_energy_studies.judged_savings import JudgedClaim
 
@@ -75,12 +77,7 @@ class DriveWork(Described):
 
 
 def works(folder: Path, plant: int) -> list[DriveWork]:
-    """Return two works of a plant.
-
-    Args:
-        folder: For its recordings.
-        plant: Seed of all that is drawn.
-    """
+    """Return two works of a plant."""
     profile = random_profile(BODY, plant)
     model = DrawnRig(profile, RigConfig.hard(), folder / "training").identified(TRAINING)
     robot, _ = profile.mechanics()
@@ -128,7 +125,6 @@ def circuit_energy(
     """Return the energy from the grid through a supply of the rig. [J]
 
     Args:
-        profile: Any plant.
         power: Input of all drives, shape (N,). [W]
         step: That a sample stands for. [s]
     """
@@ -140,8 +136,6 @@ def true_saving(one: DriveWork, other: DriveWork, shift: int = 0) -> tuple[float
     """Return what one bus truly saves, and the energy with two supplies. [J]
 
     Args:
-        one: Of one robot.
-        other: Of the other, as long.
         shift: Samples by which the other starts later; its end comes first.
     """
     count = min(len(one.power), len(other.power))
@@ -209,8 +203,11 @@ def count(rows: Sequence[JudgedBus]) -> list[str]:
 
 
 if __name__ == "__main__":
-    start, plants = int(sys.argv[1]), int(sys.argv[2])
-    with job_pool(2, Steps(plants // 2, None).done) as run:
-        jobs = [run(judged_plants, seed) for seed in range(start, start + plants, 2)]
+    parser = ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("first", type=int, help="seed of the first plant")
+    parser.add_argument("plants", type=int, help="how many, by two")
+    asked = parser.parse_args()
+    with job_pool(2, Steps(asked.plants // 2, None).done) as run:
+        jobs = [run(judged_plants, asked.first + place) for place in range(0, asked.plants, 2)]
         judged = [row for job in jobs for row in job.result()]
     print("\n".join(count(judged)))
