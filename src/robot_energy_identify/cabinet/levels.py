@@ -139,7 +139,7 @@ def level_step(levels: FanLevels) -> LevelStep | None:
     size = np.median(levels.power)
     same = levels.recording[:, None] == levels.recording
     errors = (OF_RECORDING * size) ** 2 * same + (OF_LEVEL * size) ** 2 * np.eye(len(same))
-    weight = np.linalg.inv(levels.covariance + errors)
+    weight = np.asarray(np.linalg.inv(levels.covariance + errors))
     one, slope = np.ones(len(same)), levels.degc - levels.degc.mean()
     degc = np.unique(levels.degc)
     limits = 0.5 * (degc[1:] + degc[:-1])
