@@ -383,7 +383,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject: Callable[[str, int], None] = reject or (lambda reason, count: None)
+        self._reject = reject or _by_caller
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -443,3 +443,7 @@ def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
     blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
+
+
+def _by_caller(reason: str, count: int) -> None:
+    """Leave the count to the caller."""
