@@ -145,7 +145,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy_identify.friction": """
-        friction further_terms held_out hold laws samples shared_shape temperature_study
+        apart friction further_terms held_out hold laws samples shared_shape temperature_study
     """,
     "robot_energy_identify.results": """
         check drives dynamics evaluation identification
