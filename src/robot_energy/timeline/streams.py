@@ -383,7 +383,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject or (lambda reason, count: None)
+        self._reject: Callable[[str, int], None] = reject or (lambda reason, count: None)
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
