@@ -358,6 +358,10 @@ def _rows(runs: list[EpochRun]) -> list[int]:
     return rows
 
 
+def _uncounted(reason: str, count: int) -> None:
+    """Leave out what nobody counts; a lambda could not go to another process."""
+
+
 class StreamSplitter(Generic[B]):
     """Cuts one stream at the jumps of its stamps, takes outliers out, and sorts what is late.
 
@@ -383,7 +387,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject or _by_caller
+        self._reject = reject or _uncounted
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -443,7 +447,3 @@ def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
     blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
-
-
-def _by_caller(reason: str, count: int) -> None:
-    """Leave the count to the caller."""
