@@ -32,7 +32,7 @@ from rclpy.signals import SignalHandlerOptions
 from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.store import slot_store
+from robot_energy.store import slots
 from robot_energy_rig.record import RigEncoder
 from ros2_energy_monitor.base import checkpoints, monitor_node, publishers
 from ros2_energy_monitor.base.guard import Guard
@@ -199,7 +199,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
     monkeypatch.setattr(monitor_node, "REPORT_PERIOD", 0.2)  # nobody waits a second for each
     # A busy disk is not what is tested.
-    monkeypatch.setattr(slot_store, "wait", lambda jobs, _: wait(jobs, PATIENCE))
+    monkeypatch.setattr(slots, "wait", lambda jobs, _: wait(jobs, PATIENCE))
     monkeypatch.setattr(checkpoints, "ANSWERING", PATIENCE)
     monkeypatch.setattr(publishers, "MAX_FINISH", PATIENCE)  # nor is a busy processor
     bench = Bench()

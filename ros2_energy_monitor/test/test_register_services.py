@@ -37,7 +37,7 @@ from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import StateFileError
-from robot_energy.store import slot_store
+from robot_energy.store import slots
 from robot_energy.store.slots import unwrap
 from ros2_energy_monitor.base import checkpoints
 from ros2_energy_monitor.base.parameters import folder_of
@@ -436,7 +436,7 @@ def test_a_disk_that_takes_too_long_is_said(bench, tmp_path, card, monkeypatch):
 def test_who_waits_is_answered_when_the_node_stops(bench, card, monkeypatch):
     opened = asked(bench, card.node, OpenInterval, "open_interval", name="job")
     bench.spin_until(lambda: card.node.account.intervals.open_entries, "the interval")
-    monkeypatch.setattr(slot_store, "wait", lambda jobs, _: None)  # the disk is not waited for
+    monkeypatch.setattr(slots, "wait", lambda jobs, _: None)  # the disk is not waited for
     card.node.trigger_deactivate()
     late = answer(bench, opened)
     assert (late.success, late.persisted) == (True, False)

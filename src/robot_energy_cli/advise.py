@@ -1,4 +1,14 @@
-"""`robot-energy advise`: what would save how much, from recordings alone."""
+"""`robot-energy advise`: what would save how much energy, from recordings alone.
+
+Rank what would save energy, from recordings alone: standby in breaks and at night, a supply that
+returns braking energy, a warmer start, other speeds, other places to wait. Each has a 90 % band and
+says what it rests on; a saving smaller than its band is listed apart, as not proven.
+
+examples:
+  robot-energy advise monday tuesday --model my_robot.yaml --price 0.25 --co2 0.38
+  robot-energy advise dataset --model my_robot.yaml --report advice.html
+  robot-energy advise bag --model m.yaml --rest-states states.yaml --hours-per-day 16
+"""
 
 from __future__ import annotations
 
@@ -10,19 +20,6 @@ from robot_energy_cli.command import LIST, Command, Options, flags, keywords_of
 from robot_energy_cli.replay_arguments import BAG, DAMAGED, model_named, replay_options
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_fleet.options import YEAR, AdviseOptions
-
-DESCRIPTION = """\
-Rank what would save energy, from recordings alone: standby in breaks and at night, a supply that
-returns braking energy, a warmer start, other speeds, other places to wait. Each has a 90 % band and
-says what it rests on; a saving smaller than its band is listed apart, as not proven.
-"""
-EPILOG = """\
-examples:
-  robot-energy advise monday tuesday --model my_robot.yaml --price 0.25 --co2 0.38
-  robot-energy advise dataset --model my_robot.yaml --report advice.html
-  robot-energy advise bag --model m.yaml --rest-states states.yaml --hours-per-day 16
-"""
-
 
 OPTIONS: Options = {
     "recordings BAG|DATASET": (f"{BAG}; or the folder that `fleet run` wrote", LIST),
@@ -55,11 +52,4 @@ def _run(args: Namespace) -> int:
     return DAMAGED if found.report.problems else 0
 
 
-COMMAND = Command(
-    "advise",
-    "what would save how much energy, from recordings alone",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

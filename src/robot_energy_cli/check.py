@@ -1,4 +1,18 @@
-"""`robot-energy check`: does a recording fit a model, and what is wrong if it does not."""
+"""`robot-energy check`: does a recording fit a model, and what is wrong if not.
+
+Check recordings against a model: units, order, sign and zero of every joint, scale and meaning of
+the torque, gear ratios, payload, meter, temperatures, noise at rest, and what could be
+identified. Each finding has its size and the setting that corrects it, tried on the recording.
+Causes that explain a recording equally well are listed together; the recording does not decide
+between them. Several recordings of one
+robot are judged together.
+
+examples:
+  robot-energy check bag --model kr16 --effort motor_torque
+  robot-energy check monday tuesday --model my_robot.yaml --inputs energy_monitor.yaml --json c.json
+
+exit codes: 0 no mistake found; 2 a mistake found, or input refused
+"""
 
 from __future__ import annotations
 
@@ -21,22 +35,6 @@ if TYPE_CHECKING:
 
 MISTAKES = 2  # exit code: a recording does not fit
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
-
-DESCRIPTION = """\
-Check recordings against a model: units, order, sign and zero of every joint, scale and meaning of
-the torque, gear ratios, payload, meter, temperatures, noise at rest, and what could be
-identified. Each finding has its size and the setting that corrects it, tried on the recording.
-Causes that explain a recording equally well are listed together; the recording does not decide
-between them. Several recordings of one
-robot are judged together.
-"""
-EPILOG = """\
-examples:
-  robot-energy check bag --model kr16 --effort motor_torque
-  robot-energy check monday tuesday --model my_robot.yaml --inputs energy_monitor.yaml --json c.json
-
-exit codes: 0 no mistake found; 2 a mistake found, or input refused
-"""
 
 
 def _run(args: Namespace) -> int:
@@ -77,11 +75,4 @@ def _show(result: CheckResult) -> None:
     show("")
 
 
-COMMAND = Command(
-    "check",
-    "does a recording fit a model, and what is wrong if not",
-    _run,
-    {**bag_options(robot=True), **JSON_OPTION},
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, {**bag_options(robot=True), **JSON_OPTION})

@@ -87,6 +87,20 @@ class Command(Described):
     description: Annotated[str, "What it does, in its own help; empty for that of the list."] = ""
     epilog: str = ""
 
+    @classmethod
+    def of(
+        cls, doc: str | None, run: Run, options: Options | Callable[[ArgumentParser], None]
+    ) -> Command:
+        """Return the command that the docstring of its module describes.
+
+        Its first line has name and text, the rest what the command does, then ``examples:``.
+        """
+        first, _, rest = (doc or "").partition("\n\n")
+        name, _, text = first.partition("`: ")
+        description, example, epilog = rest.partition("\nexample")
+        text = " ".join(text.split()).rstrip(".")
+        return cls(name.split()[-1], text, run, options, description, example.strip() + epilog)
+
     def add_parser(self, commands: Any) -> None:
         """Add it, with the option that all commands have."""
         commands.add_parser(

@@ -1,4 +1,13 @@
-"""`robot-energy export`: the power of a recorded bag over time as CSV or Parquet."""
+"""`robot-energy export`: the power of a recorded bag over time, as CSV or Parquet.
+
+Run a recorded bag through the model of its robot and write its power over time: one row per
+sample or per period, with predicted, measured and residual power, every loss, phase and
+quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
+
+examples:
+  robot-energy export bag --model kr16 --out power.csv
+  robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
+"""
 
 from __future__ import annotations
 
@@ -27,17 +36,6 @@ from robot_energy_cli.terminal import console, progress, wrote
 
 WHAT = "the table"
 KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
-
-DESCRIPTION = """\
-Run a recorded bag through the model of its robot and write its power over time: one row per
-sample or per period, with predicted, measured and residual power, every loss, phase and
-quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
-"""
-EPILOG = """\
-examples:
-  robot-energy export bag --model kr16 --out power.csv
-  robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
-"""
 
 
 OPTIONS: Options = {
@@ -80,11 +78,4 @@ def _run(args: Namespace) -> int:
     return DAMAGED if result.replay.problems else 0
 
 
-COMMAND = Command(
-    "export",
-    "the power of a recorded bag over time, as CSV or Parquet",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,13 @@
-"""`robot-energy fleet identify`: one friction model from all bags of a fleet."""
+"""`robot-energy fleet identify`: one friction model from all bags.
+
+Identify one model of friction over temperature from all bags of a fleet, through the sums that
+`fleet run` has kept: no bag is read again. Robots that differ from their sisters, or have changed,
+are left out. Figures on the newest fifth of the bags, which their fit has not seen, say how good
+it is.
+
+example:
+  robot-energy fleet identify dataset --model kr16 --out fleet.yaml
+"""
 
 from __future__ import annotations
 
@@ -7,17 +16,6 @@ from argparse import Namespace
 from robot_energy_cli.command import REQUIRED, Command, Options
 from robot_energy_cli.identify_inputs import SENSOR_OPTIONS, IdentifyInputs, result_options
 from robot_energy_cli.terminal import present
-
-DESCRIPTION = """\
-Identify one model of friction over temperature from all bags of a fleet, through the sums that
-`fleet run` has kept: no bag is read again. Robots that differ from their sisters, or have changed,
-are left out. Figures on the newest fifth of the bags, which their fit has not seen, say how good
-it is.
-"""
-EPILOG = """\
-example:
-  robot-energy fleet identify dataset --model kr16 --out fleet.yaml
-"""
 
 
 def _run(args: Namespace) -> int:
@@ -48,6 +46,4 @@ OPTIONS: Options = {
     **SENSOR_OPTIONS,
     **result_options("this friction", "write the laws over temperature as a figure"),
 }
-COMMAND = Command(
-    "identify", "one friction model from all bags", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

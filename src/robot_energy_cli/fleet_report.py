@@ -1,4 +1,15 @@
-"""`robot-energy fleet report`: energy and condition of a fleet, and robots to look at."""
+"""`robot-energy fleet report`: energy and condition of a fleet.
+
+Report on the dataset of a fleet: energy of robots, programmes and shifts, standby and its cost,
+the error of the model by temperature, friction over temperature and time, and robots that differ
+from their sisters at equal temperature or have changed: wear, a wrong payload, standby; with how
+sure that is.
+
+examples:
+  robot-energy fleet report dataset
+  robot-energy fleet report dataset --html fleet.html --page-settings prices.yaml
+  robot-energy fleet report dataset --json report.json
+"""
 
 from __future__ import annotations
 
@@ -7,19 +18,6 @@ from argparse import ArgumentTypeError, Namespace
 from robot_energy_cli.command import Command, Options
 from robot_energy_cli.replay_arguments import PAGE_SETTINGS
 from robot_energy_cli.terminal import JSON_OPTION, check_outputs, present
-
-DESCRIPTION = """\
-Report on the dataset of a fleet: energy of robots, programmes and shifts, standby and its cost,
-the error of the model by temperature, friction over temperature and time, and robots that differ
-from their sisters at equal temperature or have changed: wear, a wrong payload, standby; with how
-sure that is.
-"""
-EPILOG = """\
-examples:
-  robot-energy fleet report dataset
-  robot-energy fleet report dataset --html fleet.html --page-settings prices.yaml
-  robot-energy fleet report dataset --json report.json
-"""
 
 
 def _hours(text: str) -> tuple[int, ...]:
@@ -58,4 +56,4 @@ OPTIONS: Options = {
     ),
     **PAGE_SETTINGS,
 }
-COMMAND = Command("report", "energy and condition of a fleet", _run, OPTIONS, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

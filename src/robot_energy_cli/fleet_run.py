@@ -1,4 +1,21 @@
-"""`robot-energy fleet run`: replay many bags into one dataset."""
+r"""`robot-energy fleet run`: replay many bags into one dataset.
+
+Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
+robot and date. Bags that the dataset holds unchanged are not replayed again, so the same command
+continues a run that was stopped. A bag that cannot be used becomes a row with the reason; what
+can be read of a damaged one counts.
+
+Bags are those of a folder, of a pattern ("/bags/2026-*/*"), or of a CSV table with the columns
+bag, model, robot, programme, shift, jobs, effort (bag is needed). Addresses may be URLs such as
+s3://recordings/2026 where their fsspec package is installed.
+
+examples:
+  robot-energy fleet run /bags --model kr16 --out energy
+  robot-energy fleet run bags.csv --out energy --workers 8
+  robot-energy fleet run s3://recordings/hall3 --model hall3.yaml --out energy \
+      --scheduler tcp://10.0.0.5:8786
+  robot-energy fleet run /bags --model kr16 --out energy --watch 30
+"""
 
 from __future__ import annotations
 
@@ -27,24 +44,6 @@ if TYPE_CHECKING:
     from robot_energy_fleet.fleet_run import FleetRun
     from robot_energy_fleet.results.fleet import FleetRunReport
 
-DESCRIPTION = """\
-Replay many bags, one task each, and put one row of each into a dataset of Parquet files by
-robot and date. Bags that the dataset holds unchanged are not replayed again, so the same command
-continues a run that was stopped. A bag that cannot be used becomes a row with the reason; what
-can be read of a damaged one counts.
-
-Bags are those of a folder, of a pattern ("/bags/2026-*/*"), or of a CSV table with the columns
-bag, model, robot, programme, shift, jobs, effort (bag is needed). Addresses may be URLs such as
-s3://recordings/2026 where their fsspec package is installed.
-"""
-EPILOG = """\
-examples:
-  robot-energy fleet run /bags --model kr16 --out energy
-  robot-energy fleet run bags.csv --out energy --workers 8
-  robot-energy fleet run s3://recordings/hall3 --model hall3.yaml --out energy \\
-      --scheduler tcp://10.0.0.5:8786
-  robot-energy fleet run /bags --model kr16 --out energy --watch 30
-"""
 SHOWN = 10  # reasons, and damaged bags
 PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
@@ -191,4 +190,4 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         wrote(out, args.json, "all figures as JSON")
 
 
-COMMAND = Command("run", "replay many bags into one dataset", _run, OPTIONS, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

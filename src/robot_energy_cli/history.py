@@ -130,26 +130,24 @@ def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resol
     asked = (_folder(args), start, stop)
     if resolution == "all" and rows:
         ended = rows_of(history_jobs(*asked, "all", names, args.timezone))
-        if ended:
-            columns = [
-                Column("job", "job"),
-                Column("robot", "robot"),
-                Column("parts", "parts"),
-                Column("energy", "predicted_import_microjoule", _kwh, "kWh"),
-                Column("of each", "microjoule_per_part", _kwh, "kWh"),
-            ]
-            page.rows("Jobs that ended", columns, ended)
+        columns = [
+            Column("job", "job"),
+            Column("robot", "robot"),
+            Column("parts", "parts"),
+            Column("energy", "predicted_import_microjoule", _kwh, "kWh"),
+            Column("of each", "microjoule_per_part", _kwh, "kWh"),
+        ]
+        page.rows("Jobs that ended", columns, ended)
     if args.start:
         _friction(args, page, asked, names)
         known = rows_of(history_events(*asked, names, args.timezone))
-        if known:
-            columns = [
-                Column("when", lambda row: local(row["stamp_ns"])),
-                Column("robot", "robot"),
-                Column("what", "kind"),
-                Column("in words", "text"),
-            ]
-            page.rows(f"Events, the last {MAX_EVENTS} at most", columns, known[-MAX_EVENTS:])
+        columns = [
+            Column("when", lambda row: local(row["stamp_ns"])),
+            Column("robot", "robot"),
+            Column("what", "kind"),
+            Column("in words", "text"),
+        ]
+        page.rows(f"Events, the last {MAX_EVENTS} at most", columns, known[-MAX_EVENTS:])
     spans = found.not_resolved
     if len(spans):
         used = int(spans["predicted_import_microjoule"].sum()) / KWH
@@ -171,8 +169,6 @@ def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: l
 
     found = rows_of(history_friction(*asked, "month", names, args.timezone))
     zone = ZoneInfo(args.timezone)
-    if not found:
-        return
     columns = [
         Column("month", lambda row: f"{local_time(row['stamp_ns'], zone):%Y-%m}"),
         *(Column(name, name) for name in ("robot", "joint")),
@@ -189,8 +185,6 @@ def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
     from robot_energy_report.formats import fixed
 
     idle = [row for row in rows if any(row[f"standby_{rest}_microjoule"] for rest in RESTS)]
-    if not idle:
-        return
     columns = [Column("robot", "robot")]
     for rest in RESTS:
         place = f"at {rest}" if rest == "night" else f"at the {rest}"

@@ -1,4 +1,18 @@
-"""`robot-energy identify all`: everything that recordings allow, one model and one report."""
+r"""`robot-energy identify all`: everything the recordings allow, with one report.
+
+Identify everything that the recordings allow, in this order: bodies and rotors from
+measured torque, friction over temperature, constant losses of the cabinet, losses of the
+drives, energy that the DC link stores, thermal networks of the motors. Other parameters keep
+the values of the model, and a sentence says what to record for them. Then the energy of the
+old and the new model is compared with the meter on recordings that the fit has not seen:
+whole recordings in turn, or those of --test.
+
+examples:
+  robot-energy identify all cold warm hot --model my_robot.yaml --effort motor_torque \
+      --out identified.yaml --report report.html
+  robot-energy identify all cold warm hot --test another_day --model my_robot.yaml \
+      --effort motor_current --drive-power /drive_power --out identified.yaml
+"""
 
 from __future__ import annotations
 
@@ -17,23 +31,6 @@ from robot_energy_cli.identify_inputs import (
 )
 from robot_energy_cli.terminal import present, progress
 from robot_energy_identify.options import OF_DRIVES, SUBJECTS, IdentifyOptions
-
-DESCRIPTION = """\
-Identify everything that the recordings allow, in this order: bodies and rotors from
-measured torque, friction over temperature, constant losses of the cabinet, losses of the
-drives, energy that the DC link stores, thermal networks of the motors. Other parameters keep
-the values of the model, and a sentence says what to record for them. Then the energy of the
-old and the new model is compared with the meter on recordings that the fit has not seen:
-whole recordings in turn, or those of --test.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify all cold warm hot --model my_robot.yaml --effort motor_torque \\
-      --out identified.yaml --report report.html
-  robot-energy identify all cold warm hot --test another_day --model my_robot.yaml \\
-      --effort motor_current --drive-power /drive_power --out identified.yaml
-"""
-
 
 OPTIONS: Options = {
     **bag_options(
@@ -80,6 +77,4 @@ def _check(args: Namespace) -> None:
     require_distinct([Path(bag) for bag in args.bags], [Path(bag) for bag in args.test])
 
 
-COMMAND = Command(
-    "all", "everything the recordings allow, with one report", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,24 @@
-"""`robot-energy identify drives`: electrical power of the drives."""
+r"""`robot-energy identify drives`: electrical power of the drives from torque and speed.
+
+Identify how much electrical power the drives take for torque and speed.
+
+With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
+reduced efficiency map in four quadrants (paper B, section 6) and a loss model. Both are
+compared on held-out data with a constant efficiency and with no losses. The lag of the
+power behind the joint states is estimated and removed. With one power meter
+for all drives: those losses that its readings determine. If a recording has both kinds of
+power, both fits are made.
+
+Record motions at several speeds and loads, and several recordings, so that whole ones
+can be held out.
+
+examples:
+  robot-energy identify drives cold warm --model kr16 --effort motor_torque \
+      --drive-power /drive_power --out my_robot.yaml --plot maps.png
+  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \
+      --out my_ur3e.yaml
+  robot-energy identify drives --log voraus.csv --mapping voraus.yaml
+"""
 
 from __future__ import annotations
 
@@ -31,28 +51,6 @@ from robot_energy_logs.log_formats import LOG_FORMATS
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
     from robot_energy_identify.drives.drive_data import DriveData
-
-DESCRIPTION = """\
-Identify how much electrical power the drives take for torque and speed.
-
-With the power of each drive (--drive-power, or drive_power in the mapping of a log): a
-reduced efficiency map in four quadrants (paper B, section 6) and a loss model. Both are
-compared on held-out data with a constant efficiency and with no losses. The lag of the
-power behind the joint states is estimated and removed. With one power meter
-for all drives: those losses that its readings determine. If a recording has both kinds of
-power, both fits are made.
-
-Record motions at several speeds and loads, and several recordings, so that whole ones
-can be held out.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify drives cold warm --model kr16 --effort motor_torque \\
-      --drive-power /drive_power --out my_robot.yaml --plot maps.png
-  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \\
-      --out my_ur3e.yaml
-  robot-energy identify drives --log voraus.csv --mapping voraus.yaml
-"""
 
 
 def _options(parser: ArgumentParser) -> None:
@@ -91,7 +89,7 @@ def _run(args: Namespace) -> int:
 
     IdentifyInputs(args).check_results()
     _check(args)
-    data, model, torque = _data(args)
+    data, model, torque, moved = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
     found = find_drives(data, model, source, args.cutoff)
     if found.drives is not None:
@@ -102,7 +100,7 @@ def _run(args: Namespace) -> int:
     if written is not None:
         done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
         written = written.changed(provenance=identified_from(written.provenance, done, bags))
-    report = drives_report(found, torque, notes)
+    report = drives_report(found, torque, [*moved, *notes])
     maps = mapped(found.drives)
     present(
         args,
@@ -132,7 +130,7 @@ def _check(args: Namespace) -> None:
         )
 
 
-def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
+def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str, tuple[str, ...]]:
     from robot_energy_identify.drives.drive_data import drive_data, drive_data_of_logs
 
     if args.log:
@@ -144,11 +142,12 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
         contents, effort = contents_of(logs, mapping), mapping.joints.effort
         parts = [(contents, [log.whole()]) for log in logs]
         data = drive_data_of_logs(parts, "" if effort is None else effort.si_unit)
-        return data, None, "log"
+        return data, None, "log", ()
     from robot_energy.model import load
     from robot_energy.timeline.blocks import EffortMeaning
     from robot_energy_identify.plausibility import check_signs
     from robot_energy_identify.refused_recordings import (
+        on_one_clock,
         refuse_meter,
         refuse_torque,
         torque_evidence,
@@ -173,15 +172,10 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str]:
     if measured:
         check_signs(recordings, effort)
         refuse_torque([torque_evidence(part, effort) for part in recordings])
+    recordings, moved = on_one_clock(recordings)
     refuse_meter(recordings, effort)
-    return drive_data(recordings, powers, measured), model, effort.value if measured else "model"
+    torque = effort.value if measured else "model"
+    return drive_data(recordings, powers, measured), model, torque, moved
 
 
-COMMAND = Command(
-    "drives",
-    "electrical power of the drives from torque and speed",
-    _run,
-    _options,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, _options)

@@ -1,4 +1,19 @@
-"""`robot-energy identify dynamics`: bodies, rotors and friction from motor torque."""
+r"""`robot-energy identify dynamics`: inertias, rotors and friction from positions and motor torque.
+
+Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
+and motor torques, with standard deviations and errors on held-out data, and write a model
+file that the monitor runs. Each recording is also predicted from the others.
+
+From bags, with a model file for kinematics and gears; or directly from logs of the drives, by
+a YAML file that says what their columns mean (src/examples/identify/tx40.yaml). Record all
+joints moving at the same time, for ten seconds or more, at several speeds and far apart.
+
+examples:
+  robot-energy identify dynamics excitation_bag --model my_robot.yaml \
+      --effort motor_torque --out identified.yaml
+  robot-energy identify dynamics --log recordings --mapping tx40.yaml --out tx40_model.yaml
+  robot-energy identify dynamics --log one.parquet two.parquet --mapping cell.yaml --details
+"""
 
 from __future__ import annotations
 
@@ -26,23 +41,6 @@ if TYPE_CHECKING:
 
     # Model, stretches of every recording by its name, sources, friction known from elsewhere.
     Read = tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]
-
-DESCRIPTION = """\
-Identify inertial parameters, rotor inertias and friction of a robot from recorded positions
-and motor torques, with standard deviations and errors on held-out data, and write a model
-file that the monitor runs. Each recording is also predicted from the others.
-
-From bags, with a model file for kinematics and gears; or directly from logs of the drives, by
-a YAML file that says what their columns mean (src/examples/identify/tx40.yaml). Record all
-joints moving at the same time, for ten seconds or more, at several speeds and far apart.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify dynamics excitation_bag --model my_robot.yaml \\
-      --effort motor_torque --out identified.yaml
-  robot-energy identify dynamics --log recordings --mapping tx40.yaml --out tx40_model.yaml
-  robot-energy identify dynamics --log one.parquet two.parquet --mapping cell.yaml --details
-"""
 
 
 OPTIONS: Options = {
@@ -166,11 +164,4 @@ def _settings(args: Namespace) -> DynamicsSettings:
     )
 
 
-COMMAND = Command(
-    "dynamics",
-    "inertias, rotors and friction from positions and motor torque",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

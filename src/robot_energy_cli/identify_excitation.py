@@ -1,4 +1,17 @@
-"""`robot-energy identify excitation`: a motion that makes a robot's parameters identifiable."""
+r"""`robot-energy identify excitation`: a motion to record for the dynamics.
+
+Make a motion for `identify dynamics`: one finite Fourier series per joint that begins and
+ends at rest (paper B, 4.3.2), optimised so that torque determines the base parameters,
+within the limits of position, velocity, acceleration and torque. The result is a CSV
+file and a bag with one trajectory_msgs/JointTrajectory.
+
+Move the robot to the start pose first. Collisions are not checked.
+
+examples:
+  robot-energy identify excitation --model kr16 --floor 0.2 --out motion
+  robot-energy identify excitation --model my_robot.yaml --period 20 --criterion condition \
+      --acceleration 10 8 20 40 40 60 --out motion
+"""
 
 from __future__ import annotations
 
@@ -26,21 +39,6 @@ if TYPE_CHECKING:
 
 TOOL = "tool0"
 CSV, BAG = "excitation.csv", "excitation_bag"
-
-DESCRIPTION = """\
-Make a motion for `identify dynamics`: one finite Fourier series per joint that begins and
-ends at rest (paper B, 4.3.2), optimised so that torque determines the base parameters,
-within the limits of position, velocity, acceleration and torque. The result is a CSV
-file and a bag with one trajectory_msgs/JointTrajectory.
-
-Move the robot to the start pose first. Collisions are not checked.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify excitation --model kr16 --floor 0.2 --out motion
-  robot-energy identify excitation --model my_robot.yaml --period 20 --criterion condition \\
-      --acceleration 10 8 20 40 40 60 --out motion
-"""
 
 
 OPTIONS: Options = {
@@ -154,6 +152,4 @@ def _floor(args: Namespace, model: RobotModel) -> Floor | None:
     return Floor(link, 0.0 if args.floor is None else args.floor)
 
 
-COMMAND = Command(
-    "excitation", "a motion to record for the dynamics", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

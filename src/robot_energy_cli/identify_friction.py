@@ -1,4 +1,19 @@
-"""`robot-energy identify friction`: friction over motor temperature."""
+r"""`robot-energy identify friction`: friction over motor temperature.
+
+Identify the friction of every axis over its motor temperature from recordings with measured
+torque (paper A, eq. 8 to 10), and write a model file that the monitor runs. Coulomb
+friction does not depend on temperature. For viscous friction a constant, an exponential law
+and a table are compared at held-out temperatures.
+
+Record the same motions, at several speeds and in both directions, with the robot cold,
+warm and in between.
+
+examples:
+  robot-energy identify friction cold warm hot --model kr16 --effort motor_torque \
+      --out my_robot.yaml
+  robot-energy identify friction --log runs.csv.gz --mapping xarm6_joint3.yaml \
+      --train 29: --test :25
+"""
 
 from __future__ import annotations
 
@@ -23,23 +38,6 @@ if TYPE_CHECKING:
     from robot_energy_identify.results.identification import AxisStudy
 
 SHUFFLES = 20
-
-DESCRIPTION = """\
-Identify the friction of every axis over its motor temperature from recordings with measured
-torque (paper A, eq. 8 to 10), and write a model file that the monitor runs. Coulomb
-friction does not depend on temperature. For viscous friction a constant, an exponential law
-and a table are compared at held-out temperatures.
-
-Record the same motions, at several speeds and in both directions, with the robot cold,
-warm and in between.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify friction cold warm hot --model kr16 --effort motor_torque \\
-      --out my_robot.yaml
-  robot-energy identify friction --log runs.csv.gz --mapping xarm6_joint3.yaml \\
-      --train 29: --test :25
-"""
 
 
 def _span(text: str) -> Span:
@@ -139,4 +137,4 @@ OPTIONS: Options = {
         "--test LOW:HIGH": ("[degC]", {"type": _span}),
     },
 }
-COMMAND = Command("friction", "friction over motor temperature", _run, OPTIONS, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -25,7 +25,7 @@ robot brakes hard, it shows the grid side alone. The command finds both phases, 
 noise of the velocities. After hard braking the DC link feeds the drives; how much energy it
 stores is found from that, with an interval, and taken if held-out readings are predicted
 better with it. A fan of the cabinet that starts while the robot warms up is found by the step
-in the power at rest.
+in the power at rest, one that runs in warm recordings alone by the levels of their power.
 
 Record at least ten seconds of rest with active drives, and fast motions that stop hard; for
 the fan a warm-up with pauses and motor temperatures.

@@ -1,4 +1,18 @@
-"""`robot-energy identify thermal`: thermal networks of the motors."""
+r"""`robot-energy identify thermal`: motor temperatures from losses.
+
+Identify the heat capacity and the time constants of every motor from recordings with motor
+temperatures. The heat is that of the model's own losses, so identify friction and drives first.
+With them the monitor estimates a motor temperature where no sensor measures it, or the sensor is
+stuck.
+
+Record from a cold start, for hours, with work and rest. A free run from the first reading is
+compared with the readings that follow; the error stated is on what the fit has not seen.
+
+examples:
+  robot-energy identify thermal monday tuesday --model my_robot.yaml --ambient 21 \
+      --out my_robot_thermal.yaml
+  robot-energy identify thermal --log dataset.csv --mapping ur3_cobotops.yaml
+"""
 
 from __future__ import annotations
 
@@ -11,22 +25,6 @@ from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
     from robot_energy_identify.results.identification import ThermalReport
-
-DESCRIPTION = """\
-Identify the heat capacity and the time constants of every motor from recordings with motor
-temperatures. The heat is that of the model's own losses, so identify friction and drives first.
-With them the monitor estimates a motor temperature where no sensor measures it, or the sensor is
-stuck.
-
-Record from a cold start, for hours, with work and rest. A free run from the first reading is
-compared with the readings that follow; the error stated is on what the fit has not seen.
-"""
-EPILOG = """\
-examples:
-  robot-energy identify thermal monday tuesday --model my_robot.yaml --ambient 21 \\
-      --out my_robot_thermal.yaml
-  robot-energy identify thermal --log dataset.csv --mapping ur3_cobotops.yaml
-"""
 
 
 def _degc(text: str) -> float:
@@ -74,4 +72,4 @@ OPTIONS: Options = {
     **result_options("these networks"),
     "from a log with motor currents, without a model": LOG,
 }
-COMMAND = Command("thermal", "motor temperatures from losses", _run, OPTIONS, DESCRIPTION, EPILOG)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

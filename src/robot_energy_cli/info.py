@@ -1,4 +1,7 @@
-"""`robot-energy info`: what a bag holds."""
+"""`robot-energy info`: topics, types, counts and time span of a bag.
+
+Print the topics of a bag and what replay can use them for.
+"""
 
 from __future__ import annotations
 
@@ -69,10 +72,4 @@ def _read(
     return found, start, end
 
 
-COMMAND = Command(
-    "info",
-    "topics, types, counts and time span of a bag",
-    _run,
-    {"bag": "MCAP file, or rosbag2 folder"},
-    "Print the topics of a bag and what replay can use them for.",
-)
+COMMAND = Command.of(__doc__, _run, {"bag": "MCAP file, or rosbag2 folder"})

@@ -1,4 +1,8 @@
-"""`robot-energy layouts`: layouts of Foxglove, Lichtblick, PlotJuggler and rqt."""
+"""`robot-energy layouts`: write layouts for Foxglove, Lichtblick, PlotJuggler, rqt.
+
+Write layouts that show every number of the energy topics: for Foxglove, Lichtblick,
+PlotJuggler 3 and rqt. They are made from the message definitions and the joints of the model.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,6 @@ from argparse import Namespace
 
 from robot_energy_cli.command import REQUIRED, Command, Options
 
-DESCRIPTION = """\
-Write layouts that show every number of the energy topics: for Foxglove, Lichtblick,
-PlotJuggler 3 and rqt. They are made from the message definitions and the joints of the model.
-"""
 OPTIONS: Options = {
     "--out FOLDER": ("folder for the files", REQUIRED),
     "--model FILE|NAME": ("whose joints are shown (%(default)s)", {"default": "kr16"}),
@@ -25,10 +25,4 @@ def _run(args: Namespace) -> int:
     return 0
 
 
-COMMAND = Command(
-    "layouts",
-    "write layouts for Foxglove, Lichtblick, PlotJuggler, rqt",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,13 @@
-"""`robot-energy monitoring`: files with which Prometheus and Grafana read the energy page."""
+"""`robot-energy monitoring`: files for Prometheus and Grafana.
+
+Write prometheus.yaml, alert_rules.yaml, grafana.json and grafana_history.json into a folder: a
+configuration of Prometheus that reads /metrics of the energy page, alert rules, and dashboards to
+import into Grafana, the second on the PostgreSQL table that `history export` fills.
+
+examples:
+  robot-energy monitoring --out monitoring
+  robot-energy monitoring --out monitoring --target robot-cell:8421 --token-file /etc/token
+"""
 
 from __future__ import annotations
 
@@ -17,18 +26,6 @@ from robot_energy.foundation.files.output_files import (
 from robot_energy.foundation.files.placement import all_or_none
 from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import REQUIRED, Command, Options
-
-DESCRIPTION = """\
-Write prometheus.yaml, alert_rules.yaml, grafana.json and grafana_history.json into a folder: a
-configuration of Prometheus that reads /metrics of the energy page, alert rules, and dashboards to
-import into Grafana, the second on the PostgreSQL table that `history export` fills.
-"""
-EPILOG = """\
-examples:
-  robot-energy monitoring --out monitoring
-  robot-energy monitoring --out monitoring --target robot-cell:8421 --token-file /etc/token
-"""
-
 
 AS_THEY_ARE = ("alert_rules.yaml", "grafana.json", "grafana_history.json")
 OPTIONS: Options = {
@@ -74,6 +71,4 @@ def _scrape_config(target: str, token_file: str) -> str:
     return COMMENT + yaml.safe_dump(config, sort_keys=False, width=1000)
 
 
-COMMAND = Command(
-    "monitoring", "files for Prometheus and Grafana", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,17 @@
-"""`robot-energy optimize`: the same work with less energy."""
+r"""`robot-energy optimize`: programs that need less energy for the same work.
+
+Look for the speeds, accelerations, pauses and states at rest with which a program needs least
+energy, at the motor temperatures that you give. What each measure saves has a 90 % band, in which
+errors that both programs share cancel; a saving smaller than its band is not claimed. Faster can be
+cheaper, and a cold robot can need other speeds than a warm one. Nothing is measured here.
+Paths stay as they are, so collisions stay as they were.
+
+examples:
+  robot-energy optimize src/examples/programs/kr16_pick_and_place.yaml --model kr16 \
+      --temperature 20..60 --out cheaper.yaml
+  robot-energy optimize moves.yaml --model m.yaml --cycle-time 12 --standby --report savings.html
+  robot-energy optimize recorded_bag --start 12 --end 31.5 --free-rests --model m.yaml
+"""
 
 from __future__ import annotations
 
@@ -11,22 +24,6 @@ from robot_energy_cli.command import REQUIRED, Command, Options, flags, keywords
 from robot_energy_cli.terminal import OUTPUTS, check_outputs, present, progress
 from robot_energy_cli.tool_options import tool_options, tool_table
 from robot_energy_plan.options import TOOL, OptimizeOptions
-
-DESCRIPTION = """\
-Look for the speeds, accelerations, pauses and states at rest with which a program needs least
-energy, at the motor temperatures that you give. What each measure saves has a 90 % band, in which
-errors that both programs share cancel; a saving smaller than its band is not claimed. Faster can be
-cheaper, and a cold robot can need other speeds than a warm one. Nothing is measured here.
-Paths stay as they are, so collisions stay as they were.
-"""
-EPILOG = """\
-examples:
-  robot-energy optimize src/examples/programs/kr16_pick_and_place.yaml --model kr16 \\
-      --temperature 20..60 --out cheaper.yaml
-  robot-energy optimize moves.yaml --model m.yaml --cycle-time 12 --standby --report savings.html
-  robot-energy optimize recorded_bag --start 12 --end 31.5 --free-rests --model m.yaml
-"""
-
 
 OPTIONS: Options = {
     "program PROGRAM|BAG": "YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a "
@@ -86,11 +83,4 @@ def _temperature(text: str | None) -> float | tuple[float, float] | None:
     return values[0] if len(values) == 1 else (values[0], values[1])
 
 
-COMMAND = Command(
-    "optimize",
-    "programs that need less energy for the same work",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

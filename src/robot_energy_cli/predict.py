@@ -1,4 +1,20 @@
-"""`robot-energy predict`: the energy of motion programs before they are run."""
+r"""`robot-energy predict`: the energy of motion programs before they are run.
+
+Predict the energy of motion programs before they are run, for one or several robots, at
+the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
+of point-to-point moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as
+CSV. A prediction uses the same stages as live operation and replay, and states the power of
+bodies, friction, drives, constant losses and brake. Nothing is measured here. Collisions are not
+checked.
+
+examples:
+  robot-energy predict moves.yaml --model kr16 --temperature 20 --temperature 60
+  robot-energy predict wall_layer.gcode --model mantis --base=-1.2,-0.2,0 \
+      --model testbed --base 0,0,0 --model irb4600 --base=-1,0.15,0 --temperature 40 \
+      --report wall.html
+  robot-energy predict wall.stl --layer-height 10 --model mantis --base=-1.2,-0.2,0 \
+      --temperature 40
+"""
 
 from __future__ import annotations
 
@@ -24,23 +40,6 @@ if TYPE_CHECKING:
 MAX_RUNS = 100
 MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
 SEVERAL_REQUIRED: dict[str, Any] = {"required": True, "action": "append"}
-DESCRIPTION = """\
-Predict the energy of motion programs before they are run, for one or several robots, at
-the motor temperatures that you give. A program is G-code, an STL shape to be printed, a YAML file
-of point-to-point moves, a bag with a trajectory_msgs/JointTrajectory, or such a trajectory as
-CSV. A prediction uses the same stages as live operation and replay, and states the power of
-bodies, friction, drives, constant losses and brake. Nothing is measured here. Collisions are not
-checked.
-"""
-EPILOG = """\
-examples:
-  robot-energy predict moves.yaml --model kr16 --temperature 20 --temperature 60
-  robot-energy predict wall_layer.gcode --model mantis --base=-1.2,-0.2,0 \\
-      --model testbed --base 0,0,0 --model irb4600 --base=-1,0.15,0 --temperature 40 \\
-      --report wall.html
-  robot-energy predict wall.stl --layer-height 10 --model mantis --base=-1.2,-0.2,0 \\
-      --temperature 40
-"""
 
 
 OPTIONS: Options = {
@@ -181,11 +180,4 @@ def _payload(text: str) -> Payload:
     return payload(link or PAYLOAD_LINK, values[0], values[1:] or (0.0, 0.0, 0.0), source=text)
 
 
-COMMAND = Command(
-    "predict",
-    "the energy of motion programs before they are run",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,24 @@
-"""`robot-energy replay`: run a bag through the model and say where its energy went."""
+"""`robot-energy replay`: where the energy of a recorded bag went.
+
+Run a recorded bag through the model of its robot and print where the energy went:
+predicted and measured over the same time, per joint, per loss and per phase, and which
+samples were rejected for which reason.
+
+Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
+sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type,
+name the one to use. Describe other types in the parameter file of the monitor (--inputs).
+
+examples:
+  robot-energy replay bag --model kr16
+  robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
+  robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
+  robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
+  robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
+  robot-energy replay bag --model kr16 --effort motor_torque
+  robot-energy replay bag --model kr16 --serve
+  robot-energy replay long_bag --model kr16 --processes 2
+  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
+"""
 
 from __future__ import annotations
 
@@ -34,27 +54,6 @@ if TYPE_CHECKING:
 
 CHECKED_TIME = 600.0  # s of a recording
 DIFFERENCE = 0.03  # of shaft energies, over measured out + back: more has a cause
-DESCRIPTION = """\
-Run a recorded bag through the model of its robot and print where the energy went:
-predicted and measured over the same time, per joint, per loss and per phase, and which
-samples were rejected for which reason.
-
-Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
-sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type,
-name the one to use. Describe other types in the parameter file of the monitor (--inputs).
-"""
-EPILOG = """\
-examples:
-  robot-energy replay bag --model kr16
-  robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
-  robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
-  robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
-  robot-energy replay bag --model kr16 --effort motor_torque
-  robot-energy replay bag --model kr16 --serve
-  robot-energy replay long_bag --model kr16 --processes 2
-  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
-"""
 
 
 OPTIONS: Options = {
@@ -243,6 +242,4 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
 
 
-COMMAND = Command(
-    "replay", "where the energy of a recorded bag went", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,17 @@
-"""`robot-energy report`: one page about recordings, or about a result that was written before."""
+"""`robot-energy report`: one page about recorded bags, or about the JSON of a result.
+
+Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
+joints, temperatures and friction, phases, data quality, model. From recorded bags with the model
+of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
+Several recordings come in order of time: totals, one row each, and how error and power change.
+For robots with models of their own, give the JSON that `replay` wrote for each.
+
+examples:
+  robot-energy report bag --model kr16 --out page.html
+  robot-energy report cold warm hot --model kr16 --out page.html
+  robot-energy report monday tuesday --model kr16 --page-settings prices.yaml --out week.pdf
+  robot-energy report left.json right.json --out page.html
+"""
 
 from __future__ import annotations
 
@@ -22,21 +35,6 @@ from robot_energy_cli.terminal import check_report, console, progress, sign, wro
 if TYPE_CHECKING:
     from robot_energy.results.replay import ReplayReport
     from robot_energy_report.replay import ReplayCurves
-
-DESCRIPTION = """\
-Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
-joints, temperatures and friction, phases, data quality, model. From recorded bags with the model
-of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
-Several recordings come in order of time: totals, one row each, and how error and power change.
-For robots with models of their own, give the JSON that `replay` wrote for each.
-"""
-EPILOG = """\
-examples:
-  robot-energy report bag --model kr16 --out page.html
-  robot-energy report cold warm hot --model kr16 --out page.html
-  robot-energy report monday tuesday --model kr16 --page-settings prices.yaml --out week.pdf
-  robot-energy report left.json right.json --out page.html
-"""
 
 
 OPTIONS: Options = {
@@ -111,11 +109,4 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bo
     return replay_report(result, change), curves, bool(result.problems)
 
 
-COMMAND = Command(
-    "report",
-    "one page about recorded bags, or about the JSON of a result",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,16 @@
-"""`robot-energy shared-bus`: what several robots save on one DC bus."""
+r"""`robot-energy shared-bus`: what several robots save on one DC bus.
+
+Say what several robots save on one DC bus, where what one brakes is used by another: from bags that
+were recorded at one time, or for programs that repeat in a common cycle, with all starts at once,
+with starts that fall anywhere and with the best ones. Capacitors add up; one brake resistor takes
+what is left. Nothing is measured here: the bus is that of the models.
+
+examples:
+  robot-energy shared-bus robot1_bag robot2_bag --model kr16
+  robot-energy shared-bus monday tuesday --model my_robot.yaml --same-start
+  robot-energy shared-bus a.yaml b.yaml --model kr16 --model irb4600 --temperature 40 \
+      --cycle-time 12 --report bus.html
+"""
 
 from __future__ import annotations
 
@@ -11,19 +23,6 @@ from robot_energy_cli.terminal import OUTPUTS, check_outputs, present
 from robot_energy_cli.tool_options import tool_options, tool_table
 from robot_energy_plan.options import SharedBusOptions
 
-DESCRIPTION = """\
-Say what several robots save on one DC bus, where what one brakes is used by another: from bags that
-were recorded at one time, or for programs that repeat in a common cycle, with all starts at once,
-with starts that fall anywhere and with the best ones. Capacitors add up; one brake resistor takes
-what is left. Nothing is measured here: the bus is that of the models.
-"""
-EPILOG = """\
-examples:
-  robot-energy shared-bus robot1_bag robot2_bag --model kr16
-  robot-energy shared-bus monday tuesday --model my_robot.yaml --same-start
-  robot-energy shared-bus a.yaml b.yaml --model kr16 --model irb4600 --temperature 40 \\
-      --cycle-time 12 --report bus.html
-"""
 OPTIONS: Options = {
     "motions BAG|PROGRAM": (
         "one of each robot: bags of recorded joint states, or programs as of predict",
@@ -58,11 +57,4 @@ def _run(args: Namespace) -> int:
     return DAMAGED if found.report.recorded and found.report.problems else 0
 
 
-COMMAND = Command(
-    "shared-bus",
-    "what several robots save on one DC bus",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,18 @@
-"""`robot-energy simulate`: record the virtual test rig to a bag."""
+"""`robot-energy simulate`: record the virtual test rig to a bag.
+
+Simulate a robot with its cabinet, motor temperature sensors and grid meter, and record their
+messages to a bag. The plant knows effects that the model under test does not:
+Stribeck and load-dependent friction, lubricant, copper, iron and inverter loss, sensor
+errors. Nothing is measured on a robot: results on the rig show that the method works.
+With --plant-seed the plant's friction, losses and constants are drawn at random, and any model
+file gives the bodies. With --hard come effects that no model file has a term for: elastic
+joints, presliding, Coulomb friction that falls with temperature, viscous friction of a lower
+power of speed, a fan, and filtered and offset sensors.
+
+example:
+  robot-energy simulate --robot kr16 --duration 60 --start-temperature 20 --out cold
+  robot-energy replay cold --model kr16 --compare
+"""
 
 from __future__ import annotations
 
@@ -16,22 +30,6 @@ if TYPE_CHECKING:
 RATE = 250.0  # Hz
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, MIN_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
-
-DESCRIPTION = """\
-Simulate a robot with its cabinet, motor temperature sensors and grid meter, and record their
-messages to a bag. The plant knows effects that the model under test does not:
-Stribeck and load-dependent friction, lubricant, copper, iron and inverter loss, sensor
-errors. Nothing is measured on a robot: results on the rig show that the method works.
-With --plant-seed the plant's friction, losses and constants are drawn at random, and any model
-file gives the bodies. With --hard come effects that no model file has a term for: elastic
-joints, presliding, Coulomb friction that falls with temperature, viscous friction of a lower
-power of speed, a fan, and filtered and offset sensors.
-"""
-EPILOG = """\
-example:
-  robot-energy simulate --robot kr16 --duration 60 --start-temperature 20 --out cold
-  robot-energy replay cold --model kr16 --compare
-"""
 
 
 OPTIONS: Options = {
@@ -114,6 +112,4 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
     )
 
 
-COMMAND = Command(
-    "simulate", "record the virtual test rig to a bag", _run, OPTIONS, DESCRIPTION, EPILOG
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -1,4 +1,15 @@
-"""`robot-energy test`: how good a model is on recordings, fitted or not."""
+"""`robot-energy test`: how good a model is on recordings: torque, shafts, power and metered energy.
+
+Compare a model with what was measured: torque of every motor, shaft energy, power and energy at
+the meter. The same model with friction at one temperature and a prediction of zero are compared
+in the same way. It says of each recording whether the model was identified from it: figures on
+such a recording are not held out, and say little of others.
+
+examples:
+  robot-energy test cold warm --model my_robot.yaml --effort motor_torque
+  robot-energy test bag --model kr16 --compare 60 --json test.json --report test.html
+  robot-energy test --log log.csv --mapping cell.yaml --model my_robot.yaml
+"""
 
 from __future__ import annotations
 
@@ -22,19 +33,6 @@ from robot_energy_cli.terminal import TABLE_OUTPUTS, check_outputs, present, pro
 
 if TYPE_CHECKING:
     from robot_energy_identify.results.evaluation import EvaluationReport
-
-DESCRIPTION = """\
-Compare a model with what was measured: torque of every motor, shaft energy, power and energy at
-the meter. The same model with friction at one temperature and a prediction of zero are compared
-in the same way. It says of each recording whether the model was identified from it: figures on
-such a recording are not held out, and say little of others.
-"""
-EPILOG = """\
-examples:
-  robot-energy test cold warm --model my_robot.yaml --effort motor_torque
-  robot-energy test bag --model kr16 --compare 60 --json test.json --report test.html
-  robot-energy test --log log.csv --mapping cell.yaml --model my_robot.yaml
-"""
 
 
 OPTIONS: Options = {
@@ -112,11 +110,4 @@ def _of_logs(args: Namespace, model: str) -> EvaluationReport:
     return replace(report, recordings=tuple(recordings))
 
 
-COMMAND = Command(
-    "test",
-    "how good a model is on recordings: torque, shafts, power and energy at the meter",
-    _run,
-    OPTIONS,
-    DESCRIPTION,
-    EPILOG,
-)
+COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -158,7 +158,10 @@ def list_bags(
         place = bag.place
         try:
             if place.problem is None:
-                bag = replace(bag, model_digest=_digest_of(bag, models))
+                if not bag.model:
+                    column = "--model, or a column 'model' of the table"
+                    raise DatasetError(f"no model for {place.address}", column)
+                bag = replace(bag, model_digest=models.digest_of(bag.model))
             found.append(bag)
         except RobotEnergyError as error:
             if not is_table:
@@ -179,14 +182,6 @@ def _of_robot(bag: FleetBag) -> FleetBag:
     )
     problem = bag.place.problem or long
     return replace(bag, robot=robot[:SHORT], place=replace(bag.place, problem=problem))
-
-
-def _digest_of(bag: FleetBag, models: FleetModels) -> str:
-    if not bag.model:
-        raise DatasetError(
-            f"no model for {bag.place.address}", "--model, or a column 'model' of the table"
-        )
-    return models.digest_of(bag.model)
 
 
 def _robot_of(address: str, is_folder: bool) -> str:

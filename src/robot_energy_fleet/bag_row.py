@@ -42,6 +42,7 @@ from robot_energy_history.readings import Reading, ReadingDecoder
 from robot_energy_identify.blas_threads import one_thread
 
 Row = dict[str, Any]
+_load_kinds = cache(load_kinds)  # of the user, which a worker has not loaded yet
 
 
 class BagRow(Described):
@@ -99,12 +100,6 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
             return _replayed(bag, bag_hash, path, model, scratch)
     except Exception as error:  # a bag stops no fleet
         return refused(bag, error, None if isinstance(error, OSError) else bag_hash)
-
-
-@cache
-def _load_kinds() -> None:
-    """Kinds of the user, which a worker has not loaded yet."""
-    load_kinds()
 
 
 def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:

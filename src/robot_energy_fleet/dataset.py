@@ -18,11 +18,12 @@ import io
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Annotated, Any, NamedTuple, cast
 from urllib.parse import quote
 
 import polars as pl
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.files.output_files import GENERATOR, PARQUET, write_file
 from robot_energy.foundation.files.placement import PREFIX
@@ -51,21 +52,16 @@ Bag = tuple[str, str]
 """Robot and address."""
 
 
+@documented
 class RowKey(NamedTuple):
-    """What says of which bag a row is.
-
-    Attributes:
-        key: Equal for the same content and settings.
-        bag_hash: Of its content; None if it could not be read.
-        reason: Why the bag could not be used; empty where it could.
-    """
+    """What says of which bag a row is."""
 
     name: str
-    key: str
+    key: Annotated[str, "Equal for the same content and settings."]
     robot: str
     bag: str
-    bag_hash: str | None
-    reason: str
+    bag_hash: Annotated[str | None, "Of its content; None if it could not be read."]
+    reason: Annotated[str, "Why the bag could not be used; empty where it could."]
 
     @property
     def is_unread(self) -> bool:

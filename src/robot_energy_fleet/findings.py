@@ -55,11 +55,6 @@ def wear_history(records: Sequence[WearRecord], duty: float) -> DriftTest:
     return test
 
 
-def is_enough(test: DriftTest) -> bool:
-    """Return whether a change could be seen."""
-    return len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS
-
-
 def _merged(records: list[WearRecord]) -> list[WearRecord]:
     groups = min(len(records), MAX_KEPT)
     edges = [number * len(records) // groups for number in range(groups + 1)]
@@ -237,7 +232,7 @@ def _worn(
         if not np.isfinite(rest).any():  # too little motion in each bag to say how much
             continue
         test = wear_history(wear_records(own), duty[number])
-        if is_enough(test):
+        if len(test.records) >= MIN_RECORDS and test.records[-1].hours >= MIN_HOURS:
             tested.add(str(robot))
         if not test.changes:
             continue

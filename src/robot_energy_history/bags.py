@@ -59,7 +59,8 @@ def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: Bag
         if origin.startswith(of_bag):
             take_out(connection, rolled, robot, number)
     connection.execute("DELETE FROM meta WHERE name >= ? AND name < ?", (of_bag, of_bag + "~"))
-    first = _first_job(bag.name)
+    # Below zero, where no job of a monitor is.
+    first = -(int(bag.name.partition("-")[0][:12], 16) + 1) * MAX_JOBS
     drop_jobs(connection, rolled.until_ns, robot, first - MAX_JOBS + 1, first)
     taken = [(begin, end) for *_, begin, end in _epochs(connection, robot)]
     left_out = 0
@@ -143,8 +144,3 @@ def _epochs(connection: sqlite3.Connection, robot: int) -> list[tuple[int, str, 
 
 def _overlaps(taken: Sequence[tuple[int, int]], begin_ns: int, end_ns: int) -> bool:
     return any(begin < end_ns and end > begin_ns for begin, end in taken)
-
-
-def _first_job(name: str) -> int:
-    """Number of the first job of a bag, below zero, where no job of a monitor is."""
-    return -(int(name.partition("-")[0][:12], 16) + 1) * MAX_JOBS

@@ -20,7 +20,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.described import Described
+from robot_energy.foundation.described import Described, documented
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS
@@ -169,28 +169,24 @@ class PartTrend(Described):
     band: Annotated[float, "Half width of the 90 % band of ``change``. [-]"]
 
 
+@documented
 @dataclass(frozen=True)
 class EnergySavings(TimeSeries):
-    """What each reported day used, would have used, and has saved up to its end.
+    """What each reported day used, would have used, and has saved up to its end."""
 
-    Attributes:
-        baseline: What explains energy, and how well.
-        trend: How the energy per part has changed over the reported days; None with too few days
-            on which jobs ended.
-        saved: Over all reported days; negative where more was used. [kWh]
-        band: Half width of its 90 % band. [kWh]
-        expected: Energy that these days would have used. [kWh]
-        claimed: Whether a saving is certain: one in a thousand times there is none.
-        notes: What to know of it, a sentence each.
-    """
-
-    baseline: EnergyBaseline = field(kw_only=True)
-    trend: PartTrend | None = None
-    saved: float = 0.0
-    band: float = 0.0
-    expected: float = 0.0
-    claimed: bool = False
-    notes: tuple[str, ...] = ()
+    baseline: Annotated[EnergyBaseline, "What explains energy, and how well."] = field(kw_only=True)
+    trend: Annotated[
+        PartTrend | None,
+        "How the energy per part has changed over the reported days; None with too few days on "
+        "which jobs ended.",
+    ] = None
+    saved: Annotated[float, "Over all reported days; negative where more was used. [kWh]"] = 0.0
+    band: Annotated[float, "Half width of its 90 % band. [kWh]"] = 0.0
+    expected: Annotated[float, "Energy that these days would have used. [kWh]"] = 0.0
+    claimed: Annotated[
+        bool, "Whether a saving is certain: one in a thousand times there is none."
+    ] = False
+    notes: Annotated[tuple[str, ...], "What to know of it, a sentence each."] = ()
 
 
 def history_savings(

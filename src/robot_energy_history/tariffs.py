@@ -39,19 +39,12 @@ Short = Annotated[str, Field(min_length=1, max_length=8, pattern=r"^[^\x00-\x1f\
 
 
 class PricePeriod(ModelEntry):
-    """A time of the day with a price of its own.
+    """A time of the day with a price of its own."""
 
-    Attributes:
-        days: Days of the week on which it begins.
-        begin: Its first minute, local time.
-        end: The minute at which it ends; before ``begin``: on the next day.
-        price_per_kwh: Price. [currency/kWh]
-    """
-
-    days: tuple[Day, ...] = DAYS
-    begin: Clock
-    end: Clock
-    price_per_kwh: Price
+    days: Annotated[tuple[Day, ...], "Days of the week on which it begins."] = DAYS
+    begin: Annotated[Clock, "Its first minute, local time."]
+    end: Annotated[Clock, "The minute at which it ends; before ``begin``: on the next day."]
+    price_per_kwh: Annotated[Price, "Price. [currency/kWh]"]
 
     def holds(self, local: datetime) -> bool:
         """Return whether the period holds at a local time."""
@@ -65,23 +58,27 @@ class PricePeriod(ModelEntry):
 
 
 class Prices(ModelEntry):
-    """What energy costs and emits.
+    """What energy costs and emits."""
 
-    Attributes:
-        currency: Shown behind costs.
-        price_per_kwh: Price outside all periods; None shows no cost. [currency/kWh]
-        time_of_use: Periods with prices of their own; the first that holds applies.
-        timezone: Time zone of the periods, such as ``Europe/Berlin``.
-        co2_kg_per_kwh: Emission factor of the supply; None shows no emission. [kg/kWh]
-        co2_source: Where the factor comes from, shown with it.
-    """
-
-    currency: Short = "EUR"
-    price_per_kwh: Price | None = None
-    time_of_use: Annotated[tuple[PricePeriod, ...], Field(max_length=MAX_PERIODS)] = ()
-    timezone: Annotated[str, Field(max_length=64)] = "UTC"
-    co2_kg_per_kwh: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] | None = None
-    co2_source: Annotated[str, Field(max_length=200)] = ""
+    currency: Annotated[Short, "Shown behind costs."] = "EUR"
+    price_per_kwh: Annotated[
+        Price | None, "Price outside all periods; None shows no cost. [currency/kWh]"
+    ] = None
+    time_of_use: Annotated[
+        tuple[PricePeriod, ...],
+        Field(max_length=MAX_PERIODS),
+        "Periods with prices of their own; the first that holds applies.",
+    ] = ()
+    timezone: Annotated[
+        str, Field(max_length=64), "Time zone of the periods, such as ``Europe/Berlin``."
+    ] = "UTC"
+    co2_kg_per_kwh: Annotated[
+        Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] | None,
+        "Emission factor of the supply; None shows no emission. [kg/kWh]",
+    ] = None
+    co2_source: Annotated[
+        str, Field(max_length=200), "Where the factor comes from, shown with it."
+    ] = ""
 
     @field_validator("timezone")
     @classmethod
@@ -137,31 +134,26 @@ class Prices(ModelEntry):
 
 
 class Night(ModelEntry):
-    """The time that is night, on every day.
+    """The time that is night, on every day."""
 
-    Attributes:
-        begin: When it begins, local time.
-        end: When it ends; before ``begin``: on the next day.
-    """
-
-    begin: Clock = "22:00"
-    end: Clock = "06:00"
+    begin: Annotated[Clock, "When it begins, local time."] = "22:00"
+    end: Annotated[Clock, "When it ends; before ``begin``: on the next day."] = "06:00"
 
 
 class Tariff(Prices):
-    """Prices that hold from a day on, until the next tariff begins.
+    """Prices that hold from a day on, until the next tariff begins."""
 
-    Attributes:
-        begin: First day, in the time zone.
-        shifts: When shifts begin, local time.
-        night: The time that is night.
-        weekend: Days without work, from midnight to midnight.
-    """
-
-    begin: Annotated[date, Field(ge=date(1970, 1, 2), le=date(2200, 1, 1))]
-    shifts: Annotated[tuple[Clock, ...], Field(max_length=12)] = ()
-    night: Night = Night()
-    weekend: tuple[Day, ...] = ("sat", "sun")
+    begin: Annotated[
+        date, Field(ge=date(1970, 1, 2), le=date(2200, 1, 1)), "First day, in the time zone."
+    ]
+    shifts: Annotated[
+        tuple[Clock, ...], Field(max_length=12), "When shifts begin, local time."
+    ] = ()
+    night: Annotated[Night, "The time that is night."] = Night()
+    weekend: Annotated[tuple[Day, ...], "Days without work, from midnight to midnight."] = (
+        "sat",
+        "sun",
+    )
 
     @model_validator(mode="after")
     def _at_quarters(self) -> Self:

@@ -9,8 +9,9 @@ its masses are assumed they are notes, and are named once a gate of
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, MeterMeaning
 from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.check.evidence import (
     Evidence,
@@ -29,9 +30,9 @@ from robot_energy_identify.check.evidence import (
     remarks_of,
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
-from robot_energy_identify.check.meter import check_meter
+from robot_energy_identify.check.meter import check_meter, lag_of
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
-from robot_energy_identify.data.recordings import Recording, spread
+from robot_energy_identify.data.recordings import Recording, spread, undone
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.provenance import require_some
 
@@ -41,6 +42,9 @@ MISTAKES = (
 )  # fmt: skip
 # A delay is estimated and undone; what the meter reads less than the prediction is the model's.
 METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
+UNLIKE = 0.1  # of the size of torque: sound recordings of one robot differ by 0.02
+MAX_LATE = 0.6  # s: delay and low pass that are found together make a meter less late
+SAME_CLOCK = 0.1  # s by which lags of one meter differ: what a model leaves out makes 0.02
 MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
 
 
@@ -59,7 +63,7 @@ def _evidence_of(recording: Recording, effort: EffortMeaning) -> Evidence:
 
 def torque_evidence(recording: Recording, effort: EffortMeaning) -> Evidence:
     """Return the few samples of a recording that the checks of its torque need."""
-    return _evidence_of(recording, effort).thinned()
+    return replace(_evidence_of(recording, effort).thinned(), name=recording.path.name)
 
 
 def evidence_of_rows(result: Dynamics) -> Evidence:
@@ -91,9 +95,41 @@ def evidence_of_rows(result: Dynamics) -> Evidence:
 
 @one_thread
 def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
-    """The causes that make the torque of recordings of one model differ from the model's."""
-    found, _ = check_torque(joined([part.thinned() for part in parts]))
-    return tuple(one for one in found if one.severity != NOTE and one.cause != UNEXPLAINED)
+    """The causes that make the torque of recordings of one model differ from the model's.
+
+    A cause in one of them hardly shows in all together, so one whose torque has another size than
+    that of the others is looked at by itself.
+    """
+    found = _causes(joined([part.thinned() for part in parts]), parts)
+    for part in _unlike(parts):
+        if not part.motor_torque[np.isfinite(part.motor_torque)].any():
+            found.append(
+                Finding(
+                    "torque_scale", ERROR, part.names, f"{part.name}: its torque is 0 throughout",
+                    0.0, float("nan"), "leave this recording out, or record torque",
+                )
+            )  # fmt: skip
+            continue
+        found += [
+            replace(one, sentence=f"{part.name}: {one.sentence}")
+            for one in _causes(part)
+            if one.cause not in [known.cause for known in found]
+        ]
+    return tuple(found)
+
+
+def _causes(evidence: Evidence, parts: Sequence[Evidence] = ()) -> list[Finding]:
+    found, _ = check_torque(evidence, parts)
+    return [one for one in found if one.severity != NOTE and one.cause != UNEXPLAINED]
+
+
+def _unlike(parts: Sequence[Evidence]) -> list[Evidence]:
+    """Recordings with measured over body torque apart from the median of all."""
+    unknown = (np.nan, np.nan)
+    factors = np.array([part.remarks.effort_factors.get(part.effort, unknown)[0] for part in parts])
+    known = np.flatnonzero(np.isfinite(factors))
+    usual = float(np.median(factors[known])) if len(known) else 0.0
+    return [parts[k] for k in known.tolist() if abs(factors[k] - usual) > UNLIKE * abs(usual)]
 
 
 def _is_mistake(finding: Finding) -> bool:
@@ -135,7 +171,7 @@ def notes_on_torque(parts: Sequence[Evidence], where: str = "") -> tuple[str, ..
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:
-    """Refuse a meter whose sign or unit is wrong, or that shows less than the shafts take.
+    """Refuse a meter whose sign, unit or clock is wrong, or that shows less than the shafts take.
 
     Args:
         recordings: With their meters; those without are passed over.
@@ -144,9 +180,53 @@ def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None
         if recording.meter is not None:
             found, _ = check_meter(_evidence_of(recording, effort))
             _refuse(
-                [finding for finding in found if finding.cause in METER_MISTAKES],
-                "power positive into the robot, in the unit of its parameters",
+                [finding for finding in found if _spoils(finding)],
+                "power positive into the robot, in the unit of its parameters, in time",
             )
+
+
+def _spoils(finding: Finding) -> bool:
+    """Whether a finding of the meter is a mistake that no step undoes."""
+    off = finding.cause == "meter_clock" and abs(finding.evidence) > MAX_LATE
+    return off or finding.cause in METER_MISTAKES
+
+
+def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:
+    """Return recordings whose meters are equally late, and what was moved, one sentence each.
+
+    One delay is identified for all recordings, so clocks that differ would count as a low pass. The
+    lag that most recordings have stays: it is the meter's. A counter is compared with counters, as
+    it has no low pass.
+    """
+    lags: dict[int, float] = {}
+    counts = [
+        part.meter is not None and part.meter.meaning is MeterMeaning.CUMULATIVE
+        for part in recordings
+    ]
+    for number, part in enumerate(spread(recordings) if len(recordings) > 1 else ()):
+        known = part.meter is not None and part.in_order
+        found = lag_of(_evidence_of(part, EffortMeaning.NONE)) if known else ""
+        if not isinstance(found, str):
+            lags[number] = found.lag
+    moved, notes = list(recordings), list[str]()
+    for number, lag in lags.items():
+        same = [other for place, other in lags.items() if counts[place] == counts[number]]
+        usual = max(same, key=lambda one: (_alike(one, same), -abs(one)))
+        if _alike(lag, (usual,)):
+            continue
+        late, part = lag - usual, recordings[number]
+        assert part.meter is not None
+        moved[number] = replace(part, meter=undone(part.meter, late), known=None)
+        where = "behind" if late > 0 else "ahead of"
+        notes.append(
+            f"{part.path.name}: its meter is {abs(late):.2f} s {where} those of the other "
+            "recordings, so its readings were moved by as much; synchronise the clock of the meter"
+        )
+    return moved, tuple(notes)
+
+
+def _alike(lag: float, others: Iterable[float]) -> int:
+    return sum(abs(lag - other) <= SAME_CLOCK for other in others)
 
 
 @contextmanager

@@ -31,8 +31,9 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.blas_threads import one_thread
-from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet
+from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_likely_fan
 from robot_energy_identify.cabinet.dc_link import Voltages
+from robot_energy_identify.cabinet.fan import FanFound
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy_identify.data.recordings import spread
 from robot_energy_identify.drives.all_drives import DrivesFound
@@ -159,8 +160,10 @@ def identify_everything(
         steps.append(step if strict else step.without_rows())
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
-            if cabinet.subject == "cabinet" and cabinet.taken:
+            if isinstance(cabinet.found, CabinetFit) and cabinet.taken:
                 steps[-2:] = in_turns(cabinet, step, bags, base, source)
+                likely = with_likely_fan(steps[-1].model, cabinet.found.fan_likely)
+                steps[-1] = replace(steps[-1], model=likely)
         now = steps[-1].model
         if subject == "friction":
             base = now
@@ -214,7 +217,7 @@ def in_turns(
             fit = fit_cabinet(read_all(bags, drives.model))
             if isinstance(cabinet.found, CabinetFit):
                 known = cabinet.found
-                fit = replace(fit, fan=known.fan, fan_reason=known.fan_reason)
+                fit = fit.with_fan(FanFound(known.fan, known.fan_reason, known.fan_likely))
             again = cabinet_step(model, fit, source)
             new = drives_step(bags, again.model, source)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:

@@ -27,7 +27,7 @@ from robot_energy_identify.cabinet.cabinet import (
     with_cabinet,
 )
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
-from robot_energy_identify.cabinet.fan import with_fan
+from robot_energy_identify.cabinet.fan import FanFound, with_fan
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
 from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
@@ -249,15 +249,14 @@ def constants_step(
     Args:
         without_fan: Why no fan is looked for; empty if one is.
     """
-    fan, reason = None, without_fan
+    fan = FanFound(None, without_fan)
     if not without_fan:
-        model, fan, reason = with_fan(model, read_all(bags, model), source)
+        model, fan = with_fan(model, read_all(bags, model), source)
     recordings, powers = powers_of(bags, model)
     rest = None
     if any(power is not None for power in powers):
         rest = rest_of_drives(drive_data(recordings, powers, measured_torque=False), model)
-    fit = replace(fit_cabinet(recordings, rest), fan=fan, fan_reason=reason)
-    return cabinet_step(model, fit, source)
+    return cabinet_step(model, fit_cabinet(recordings, rest).with_fan(fan), source)
 
 
 def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:

@@ -160,7 +160,11 @@ class MappedLog:
         last = None if last_ns is None else last_ns - start
         clock.begin_table(self.account.path.name)
         required = np.asarray(self._keys == next(self._mapping.joints.quantities())[0])
-        for rows in self._joined(kept):
+        streams: list[Iterator[TableRows]] = []
+        for file, table in self.tables.items():
+            names, texts = [name for _, name in self._columns[file]], () if streams else self._texts
+            streams.append(table.rows(names, texts, kept or len(self.tables) > 1))
+        for rows in side_by_side(list(self.tables.values()), streams):
             instants, known, run = clock.instants(rows)
             used, last = usable_rows(rows, instants, known, required, last, self.account, start)
             yield self._block(instants[used] + start, rows.values[used], run[used])
@@ -185,14 +189,6 @@ class MappedLog:
         if not blocks:
             raise LogFormatError(*nothing_used([self.account]))
         return LogBlock.concatenate(blocks)
-
-    def _joined(self, kept: bool) -> Iterator[TableRows]:
-        kept |= len(self.tables) > 1
-        streams: list[Iterator[TableRows]] = []
-        for file, table in self.tables.items():
-            names = [name for _, name in self._columns[file]]
-            streams.append(table.rows(names, () if streams else self._texts, kept))
-        return side_by_side(list(self.tables.values()), streams)
 
     def _block(self, stamp_ns: Int, values: Float, run: Int) -> LogBlock:
         keys = self._keys

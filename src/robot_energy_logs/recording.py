@@ -43,30 +43,25 @@ REMEDIES = {"bad_time": time_remedy, "not_numeric": number_remedy}
 INTERLEAVED_ROWS = 16  # replay waits only a little for temperatures that come late
 
 
-@dataclass(frozen=True)
 class LogBlock(Block):
-    """Rows of a log in SI units; NaN where the log says nothing.
+    """Rows of a log in SI units; NaN where the log says nothing."""
 
-    Attributes:
-        joint_position: Joint side, shape (N, n). [rad] or [m]
-        joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
-        effort: As the log has it: torque or motor current, shape (N, n). [N m] or [A]
-        motor_temperature_degc: Shape (N, n). [degC]
-        reading: Power or, of a counter, energy, shape (N,). [W] or [J]
-        drive_power: Electrical input of each drive, shape (N, n). [W]
-        payload: Mass, centre of mass (3) and inertia (6) of what the robot carries, shape
-            (N, 10); None where the log says nothing of it. [kg], [m], [kg m^2]
-        run: Number of the run that each row belongs to, shape (N,); None: of one run.
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    effort: Float
-    motor_temperature_degc: Float
-    reading: Float
-    drive_power: Float
-    payload: Float | None = None
-    run: Int | None = None
+    joint_position: Annotated[Float, "Joint side, shape (N, n). [rad] or [m]"]
+    joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s] or [m/s]"]
+    effort: Annotated[
+        Float, "As the log has it: torque or motor current, shape (N, n). [N m] or [A]"
+    ]
+    motor_temperature_degc: Annotated[Float, "Shape (N, n). [degC]"]
+    reading: Annotated[Float, "Power or, of a counter, energy, shape (N,). [W] or [J]"]
+    drive_power: Annotated[Float, "Electrical input of each drive, shape (N, n). [W]"]
+    payload: Annotated[
+        Float | None,
+        "Mass, centre of mass (3) and inertia (6) of what the robot carries, shape (N, 10); None "
+        "where the log says nothing of it. [kg], [m], [kg m^2]",
+    ] = None
+    run: Annotated[
+        Int | None, "Number of the run that each row belongs to, shape (N,); None: of one run."
+    ] = None
 
 
 class RecordingContents(Described):
@@ -316,13 +311,10 @@ def _write(bag: BagWriter, streams: Sequence[_Stream], block: LogBlock) -> dict[
     parts: list[tuple[str, Int, NDArray[np.uint8]]] = []
     turns: list[Int] = []
     for stream in streams:
-        rows, messages = (
-            stream.given(block),
-            stream.encoder.encode(stream.fields(block), len(block)),
-        )
-        parts.append(
-            (stream.topic, block.stamp_ns[rows], messages if rows.all() else messages[rows])
-        )
+        rows = stream.given(block)
+        messages = stream.encoder.encode(stream.fields(block), len(block))
+        messages = messages if rows.all() else messages[rows]
+        parts.append((stream.topic, block.stamp_ns[rows], messages))
         turns.append(np.flatnonzero(rows) // INTERLEAVED_ROWS)
     bag.write_sorted(parts, turns)
     return {topic: len(stamps) for topic, stamps, _ in parts}

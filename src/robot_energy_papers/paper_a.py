@@ -40,7 +40,6 @@ from robot_energy_papers.soaked_rigs import (
     plant_row,
     rig_seeds,
 )
-from robot_energy_plan.motion import Program
 from robot_energy_rig import PlantProfile, RigConfig, RigOutput, VirtualRig, load_profile
 from robot_energy_rig.plant import PlantFriction
 from robot_energy_rig.record import RigRecording, outputs
@@ -150,18 +149,13 @@ def rise_table(seed: int, quick: bool) -> dict[str, SensitivityTable]:
             acceleration=plain.acceleration * given["acceleration"],
         )
         program = make_programs(profile, seed, MOVES).train
-        rise = _rise(profile, program, program.period * given["length"])
-        return {RISE: rise + given["reading"]}
+        rig = VirtualRig(profile, program, None, 0, COLD_DEGC, COLD_DEGC)
+        made = RigOutput.concatenate(list(outputs(rig, program.period * given["length"])))
+        motor = made.truth.motor_temperature_degc
+        return {RISE: float((motor[-1] - motor[0]).max()) + given["reading"]}
 
     only = RISE_IN_BOTH_FORMS if quick else None
     return sensitivity(read, RISE_FIGURES, {RISE: PUBLISHED_RISE}, ROUGH, only)
-
-
-def _rise(profile: PlantProfile, program: Program, duration: float) -> float:
-    """Rise of the motor that warms most, from 20 degC throughout. [K]"""
-    rig = VirtualRig(profile, program, None, 0, COLD_DEGC, COLD_DEGC)
-    motor = RigOutput.concatenate(list(outputs(rig, duration))).truth.motor_temperature_degc
-    return float((motor[-1] - motor[0]).max())
 
 
 def _electrical(profile: PlantProfile, values: Values) -> PlantProfile:

@@ -253,7 +253,12 @@ def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
     fitted = {name: read_run(paths[name], start) for name in (FAST, SLOWED)}
     trained: dict[str, Trained] = {}
     for name, parts in TRAININGS.items():
-        trained[name] = _trained([fitted[part] for part in parts], start, paths)
+        runs = [fitted[part] for part in parts]
+        model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
+        drives = identify_drives(runs)
+        unseen = {test: read_run(paths[test], model) for test in (WALL, WALL_HELD, VALIDATION)}
+        mechanical = {test: MechanicalTest(run, _accuracy(run)) for test, run in unseen.items()}
+        trained[name] = Trained(model, drives, mechanical, tested(unseen, drives))
         step()
     weighted = identify_mechanics([fitted[FAST], fitted[SLOWED]], start, "wls")
     check = read_run(paths[VALIDATION], to_model(weighted))
@@ -299,14 +304,6 @@ def _drawn(
     model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
     walls = {name: read_run(paths[name], model) for name in (WALL, WALL_HELD)}
     return tested(walls, identify_drives(runs))
-
-
-def _trained(runs: list[PrintRun], start: RobotModel, paths: Mapping[str, Path]) -> Trained:
-    model = to_model(identify_mechanics(runs, start, "ols"), ["excitation on the virtual rig"])
-    drives = identify_drives(runs)
-    held_out = {name: read_run(paths[name], model) for name in (WALL, WALL_HELD, VALIDATION)}
-    mechanical = {name: MechanicalTest(run, _accuracy(run)) for name, run in held_out.items()}
-    return Trained(model, drives, mechanical, tested(held_out, drives))
 
 
 def _accuracy(run: PrintRun) -> dict[Definition, Accuracy]:

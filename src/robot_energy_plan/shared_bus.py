@@ -65,8 +65,11 @@ class BusExchange(Described):
     def after(self, start_ns: int) -> BusExchange:
         """Return the part from an instant on, such as a cycle after one that charged capacitors."""
         rows = np.flatnonzero(self.stamp_ns >= start_ns)
-        own = tuple(one.at(rows) for one in self.own)
-        return BusExchange(self.stamp_ns[rows], own, self.shared.at(rows), self.tight.at(rows))
+        *own, shared, tight = (
+            Balance(*(flow[rows] for flow in vars(one).values()))
+            for one in (*self.own, self.shared, self.tight)
+        )
+        return BusExchange(self.stamp_ns[rows], tuple(own), shared, tight)
 
     @property
     def saved(self) -> float:

@@ -211,20 +211,21 @@ class Document:
     def table(
         self, title: str, columns: Sequence[str], rows: Rows, total: Sequence[str] | None = None
     ) -> None:
-        """Add a table: first column and sentences left, numbers right."""
+        """Add a table, if it has rows: first column and sentences left, numbers right."""
         for row in (*rows, *([total] if total is not None else [])):
             if len(row) != len(columns):
                 raise ReportError(
                     f"a row of '{title}' has {len(row)} cells", f"{len(columns)}, one per column"
                 )
-        self.add(Table(title, columns, rows, total))
+        if rows:
+            self.add(Table(title, columns, rows, total))
 
     def rows(
         self, title: str, columns: Sequence[Column], rows: Sequence[Any], total: str = ""
     ) -> None:
         """Add a table of objects."""
         columns = [one for one in columns if not one.optional or one.has_something(rows)]
-        sums = (total, *(column.sum(rows) for column in columns[1:])) if total else None
+        sums = (total, *(column.sum(rows) for column in columns[1:])) if total and rows else None
         cells = [[column.cell(row) for column in columns] for row in rows]
         self.table(title, [column.heading for column in columns], cells, sums)
 

@@ -84,9 +84,13 @@ def dynamics_document(
     _friction(page, result, reference)
     with page.only("both" if details else "page"):
         _groups(page, report)
-    if not details:
+    weak = [entry.name for entry in report.base_parameters if entry.weakly_excited]
+    if weak and not details:
         with page.only("terminal"):
-            _weak(page, report)
+            page.paragraph(
+                f"weakly excited, 95 % interval wider than the parameter itself, {len(weak)} of "
+                f"{len(report.base_parameters)}: {', '.join(weak)}"
+            )
     last = () if friction_follows else (temperature_remark(result.model),)
     page.notes([note for note in (*report.notes, *last) if note])
     if report.across is not None:
@@ -149,15 +153,6 @@ def _friction(page: Document, result: Dynamics, reference: ReferenceValues | Non
         page.paragraph(f"largest deviation from the reference{source}: {percent(worst)}")
 
 
-def _weak(page: Document, report: DynamicsReport) -> None:
-    weak = [entry.name for entry in report.base_parameters if entry.weakly_excited]
-    if weak:
-        page.paragraph(
-            f"weakly excited, 95 % interval wider than the parameter itself, {len(weak)} of "
-            f"{len(report.base_parameters)}: {', '.join(weak)}"
-        )
-
-
 def _groups(page: Document, report: DynamicsReport) -> None:
     """Every group, those that are weakly excited in a table of their own."""
     columns = [
@@ -172,8 +167,7 @@ def _groups(page: Document, report: DynamicsReport) -> None:
         ("base parameters weakly excited: 95 % interval wider than the parameter itself", True),
     ):
         rows = [entry for entry in report.base_parameters if entry.weakly_excited is weak]
-        if rows:
-            page.rows(title, columns, rows)
+        page.rows(title, columns, rows)
 
 
 def _across(page: Document, across: LeaveOneOut, joint_names: Sequence[str]) -> None:

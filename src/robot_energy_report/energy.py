@@ -9,7 +9,7 @@ from dataclasses import fields
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.auxiliary import AuxiliaryReport, LoadEnergy
-from robot_energy.results.energy import EnergyBreakdown, EnergyReport, EnergyUncertainty
+from robot_energy.results.energy import EnergyBreakdown, EnergyReport
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_report.document import Column, Document, FlowDiagram
 from robot_energy_report.formats import (
@@ -157,7 +157,12 @@ class EnergySections:
         """Add how sure the energy is, and what to measure next to make it more so."""
         sure = self._report.uncertainty
         shown = [one for one in sure.contributions if (one.share or 0.0) >= MIN_SHARE]
-        self._page.paragraph(f"How sure: {energy_text(self._report.energy.net)} {_band_text(sure)}")
+        half = energy_text(0.5 * (sure.upper - sure.lower))
+        relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
+        self._page.paragraph(
+            f"How sure: {energy_text(self._report.energy.net)} +- {half}{relative}, 90 % band "
+            f"{BANDS[sure.band]}"
+        )
         if sure.readings:
             self._page.paragraph(
                 f"  {percent(sure.inside)} of {sure.readings} meter readings lay in the 90 % band "
@@ -240,25 +245,18 @@ class EnergySections:
     def quality(self) -> None:
         """Add which samples are marked, where any is."""
         quality = self._report.quality
-        if quality.counts:
-            self._page.table(
-                f"Quality: marked of {quality.samples} samples",
-                ("", "samples", "share"),
-                [
-                    (
-                        QUALITY_NAMES.get(name, name),
-                        str(count),
-                        percent(count / quality.samples if quality.samples else None),
-                    )
-                    for name, count in quality.counts.items()
-                ],
-            )
-
-
-def _band_text(sure: EnergyUncertainty) -> str:
-    half = 0.5 * (sure.upper - sure.lower)
-    relative = f" ({percent(sure.half_relative)})" if sure.half_relative is not None else ""
-    return f"+- {energy_text(half)}{relative}, 90 % band {BANDS[sure.band]}"
+        self._page.table(
+            f"Quality: marked of {quality.samples} samples",
+            ("", "samples", "share"),
+            [
+                (
+                    QUALITY_NAMES.get(name, name),
+                    str(count),
+                    percent(count / quality.samples if quality.samples else None),
+                )
+                for name, count in quality.counts.items()
+            ],
+        )
 
 
 def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
@@ -295,9 +293,8 @@ def auxiliary_section(page: Document, report: AuxiliaryReport | None) -> None:
         for name, state in load.states.items()
         if len(load.states) > 1
     ]
-    if rows:
-        columns = ("", "state", "time [s]", "mean power [W]", "in the model [W]")
-        page.table("Mean power by state", columns, rows)
+    columns = ("", "state", "time [s]", "mean power [W]", "in the model [W]")
+    page.table("Mean power by state", columns, rows)
     known = seconds(report.balanced_ns)
     page.table(
         f"Balance of the outlet over the {known} in which all loads are known",

@@ -26,7 +26,7 @@ SIGNS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"(?<![^\s\[(])1e(-?\d{1,2})(?= [A-Za-z])", lambda m: f"10{_raised(m[1])}"),
     (
         r"((?<![\w.,:/-])\d(?:\.\d+)?|\))e([+-]\d{1,3})(?![\w.])",
-        lambda m: _powers_of_ten(*m.groups()),
+        lambda m: f"{m[1]}\u00b710{_raised(str(int(m[2])))}",
     ),
     (r"(?<![^\s(\[])\+-(?=\s|\d|$)", "\u00b1"),
     (r"(?<=[A-Za-z)])\^(-?\d)(?!\d)", lambda m: _raised(m[1])),
@@ -52,7 +52,7 @@ class EnergyFormat:
         units = (("MJ", 1e6), ("kJ", 1e3), ("J", 1.0))
         self.unit, self.factor = next((u for u in units if largest >= u[1]), units[-1])
         lead = largest / self.factor if largest > 0 else 1.0
-        self.digits = _digits(lead)
+        self.digits = min(3, max(0, 3 - math.floor(math.log10(lead))))  # four in all
 
     def joule(self, energy: float | None) -> str:
         """Return an energy in the report's unit.
@@ -143,11 +143,6 @@ def summing(
     ]
 
 
-def _digits(lead: float) -> int:
-    """Digits after the point with which a number of this size has four in all, at most three."""
-    return min(3, max(0, 3 - math.floor(math.log10(lead)))) if lead > 0 else 3
-
-
 def energy_text(energy: float) -> str:
     """Return one energy in words, three to four digits.
 
@@ -228,10 +223,6 @@ def typeset(text: str) -> str:
     for pattern, sign in SIGNS:
         text = re.sub(pattern, sign, text)
     return text
-
-
-def _powers_of_ten(lead: str, power: str) -> str:
-    return f"{lead}\u00b710{_raised(str(int(power)))}"
 
 
 def _raised(digits: str) -> str:

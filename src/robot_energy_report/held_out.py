@@ -108,26 +108,25 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
     last = test.stages[-1]
     if test.metered:
         _energy_tables(test, stages, page)
-    if test.with_torque:
-        page.rows(
-            "Shaft energy of all axes, predicted over measured minus 1, held out",
-            [
-                Column("recording", "name"),
-                Column("measured", "shaft", energy_text),
-                Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
-                Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
-            ],
-            test.with_torque,
-        )
-        page.rows(
-            "Motor torque of all axes, norm of error over norm of torque, held out",
-            [
-                Column("recording", "name"),
-                Column("as given", lambda entry: entry.predictions[GIVEN].torque_error, percent),
-                Column("new model", lambda entry: entry.predictions[last].torque_error, percent),
-            ],
-            test.with_torque,
-        )
+    page.rows(
+        "Shaft energy of all axes, predicted over measured minus 1, held out",
+        [
+            Column("recording", "name"),
+            Column("measured", "shaft", energy_text),
+            Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
+            Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
+        ],
+        test.with_torque,
+    )
+    page.rows(
+        "Motor torque of all axes, norm of error over norm of torque, held out",
+        [
+            Column("recording", "name"),
+            Column("as given", lambda entry: entry.predictions[GIVEN].torque_error, percent),
+            Column("new model", lambda entry: entry.predictions[last].torque_error, percent),
+        ],
+        test.with_torque,
+    )
     _figures(test, names, page)
 
 

@@ -222,12 +222,11 @@ def _quality(page: Document, answer: Figures) -> None:
     unpriced = answer["total"]["energy"] - answer["total"]["priced"]
     if answer["currency"] and unpriced > 1.0:
         page.note(f"{_kwh(unpriced)} kWh have no cost: no tariff holds, or the time is not known.")
-    if answer["events"]:
-        page.table(
-            "Events, the newest first",
-            ("when", "robot", "what", "in words"),
-            [(one["at"], one["robot"], one["kind"], one["text"]) for one in answer["events"]],
-        )
+    page.table(
+        "Events, the newest first",
+        ("when", "robot", "what", "in words"),
+        [(one["at"], one["robot"], one["kind"], one["text"]) for one in answer["events"]],
+    )
 
 
 def _tariffs(page: Document, answer: Figures) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.dc_link import LinkFit
+from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import fitted_laws
@@ -93,7 +94,8 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         ],
         report.axes,
     )
-    page.notes(grouped([*(text for fit in report.axes for text in fit.warnings), *report.refused]))
+    warnings = [text for fit in report.axes for text in fit.warnings]
+    page.notes(grouped([*warnings, *report.refused, *report.apart]))
     gear_tables(report.gears, page)
     if report.hold is not None:
         page.notes([hold_words(report.hold)])
@@ -246,11 +248,14 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
     page.notes(fit.notes)
     fan = fit.fan
     if fan is not None:
+        shown = f"{fan.rests} rests of {counted(fan.recordings, 'recording')}; with a meter for "
+        shown += "all drives its power is then fitted together with their losses"
+        if not fan.rests:
+            shown = "levels of the power in recordings with it and without it; "
+            shown += f"{UNTIL_IT_RUNS} to find both more exactly"
         page.note(
             f"a fan takes {uncertain(fan.power, fan.std)} W once the warmest motor is above "
-            f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {fan.rests} rests of "
-            f"{counted(fan.recordings, 'recording')}; with a meter for all drives its power is "
-            "then fitted together with their losses"
+            f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {shown}"
         )
     elif fit.fan_reason:
         page.note(f"fan: {fit.fan_reason}")
@@ -340,39 +345,36 @@ def _error_over_energy(fit: LinkFit, path: Target) -> None:
 def thermal_document(report: ThermalReport, page: Document) -> None:
     """Add the thermal networks of the motors."""
     unit = "J/K" if report.heat == "losses" else "A2 s/K"
-    if report.axes:
-        page.rows(
-            f"Thermal networks, air at {report.ambient_degc:.1f} degC",
-            [
-                Column("motor", "name"),
-                Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
-                Column(
-                    "time constant",
-                    lambda fit: fixed(0)(fit.motor_time_constant / 60.0),
-                    unit="min",
-                ),
-                Column(
-                    "structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit
-                ),
-                Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
-                Column("hours", "hours", fixed(1)),
-            ],
-            report.axes,
-        )
-        page.rows(
-            "RMS error of a free run on temperatures that the fit has not seen [K]",
-            [
-                Column("motor", "name"),
-                Column("tested on", "held_out"),
-                *(
-                    Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
-                    for order in ("one node", "two nodes")
-                ),
-                Column("chosen", "rms", fixed(2)),
-                Column("first reading held", "held_rms", fixed(2)),
-            ],
-            report.axes,
-        )
+    page.rows(
+        f"Thermal networks, air at {report.ambient_degc:.1f} degC",
+        [
+            Column("motor", "name"),
+            Column("heat capacity", lambda fit: _thermal_figure(fit, "capacity"), unit=unit),
+            Column(
+                "time constant",
+                lambda fit: fixed(0)(fit.motor_time_constant / 60.0),
+                unit="min",
+            ),
+            Column("structure", lambda fit: _thermal_figure(fit, "structure_capacity"), unit=unit),
+            Column("seen at", lambda fit: "{:.0f} to {:.0f} degC".format(*fit.range_degc)),
+            Column("hours", "hours", fixed(1)),
+        ],
+        report.axes,
+    )
+    page.rows(
+        "RMS error of a free run on temperatures that the fit has not seen [K]",
+        [
+            Column("motor", "name"),
+            Column("tested on", "held_out"),
+            *(
+                Column(order, lambda fit, order=order: fit.orders[order], fixed(2))
+                for order in ("one node", "two nodes")
+            ),
+            Column("chosen", "rms", fixed(2)),
+            Column("first reading held", "held_rms", fixed(2)),
+        ],
+        report.axes,
+    )
     page.notes(grouped(list(report.refused)))
     gear_tables(report.gears, page)
 
@@ -413,7 +415,6 @@ def states_document(report: LoadStatesReport, page: Document) -> None:
         for fit in report.fits
         if (held := fit.held_out) is not None
     ]
-    if rows:
-        columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
-        page.table("What the fit has not seen: predicted minus measured", columns, rows)
+    columns = ("load", "held out", "RMS [W]", "with the given model", "energy", "used")
+    page.table("What the fit has not seen: predicted minus measured", columns, rows)
     page.notes([note for fit in report.fits for note in fit.notes] + list(report.refused))

@@ -134,21 +134,18 @@ def changes_document(before: RobotModel, after: RobotModel, page: Document) -> N
         ("New figures of the model file, motor side", False),
         ("New figures that are hardly known: 95 % interval wider than the figure itself", True),
     ):
-        chosen = [change for change in found if change.weak is weak]
-        if chosen:
-            page.rows(title, columns, chosen)
+        page.rows(title, columns, [change for change in found if change.weak is weak])
     laws = [
         (new.name, _viscous(old), _viscous(new), new.friction.viscous.law)
         for old, new in zip(before.joints, after.joints, strict=True)
         if old.friction.viscous != new.friction.viscous
     ]
-    if laws:
-        degc = ", ".join(f"{t:g}" for t in SHOWN_DEGC)
-        page.table(
-            f"Viscous friction at {degc} degC [1e-3 N m s/rad], motor side",
-            ("joint", "as given", "now", "law"),
-            laws,
-        )
+    degc = ", ".join(f"{t:g}" for t in SHOWN_DEGC)
+    page.table(
+        f"Viscous friction at {degc} degC [1e-3 N m s/rad], motor side",
+        ("joint", "as given", "now", "law"),
+        laws,
+    )
     if not found and not laws:
         page.paragraph("no figure of the model file changed")
 

@@ -121,30 +121,28 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
         ],
         report.moves,
     )
-    if report.rests:
-        page.rows(
-            "Rests as chosen",
-            [
-                Column("before the move", "before"),
-                Column("time", "duration", fixed(2), "s"),
-                Column("state", "state"),
-                Column("power, drives hold", "power", fixed(0), "W"),
-            ],
-            report.rests,
-        )
+    page.rows(
+        "Rests as chosen",
+        [
+            Column("before the move", "before"),
+            Column("time", "duration", fixed(2), "s"),
+            Column("state", "state"),
+            Column("power, drives hold", "power", fixed(0), "W"),
+        ],
+        report.rests,
+    )
     if len(report.temperatures) > 1:
         _temperatures(page, report, scale)
-    if report.break_even:
-        page.rows(
-            "From which rest on a state pays",
-            [
-                Column("state", "state"),
-                Column("shortest rest", "shortest_rest", fixed(1), "s"),
-                Column("time to wake up", "wake_time", fixed(1), "s"),
-                Column("source", "source"),
-            ],
-            report.break_even,
-        )
+    page.rows(
+        "From which rest on a state pays",
+        [
+            Column("state", "state"),
+            Column("shortest rest", "shortest_rest", fixed(1), "s"),
+            Column("time to wake up", "wake_time", fixed(1), "s"),
+            Column("source", "source"),
+        ],
+        report.break_even,
+    )
     if report.supply is not None:
         _supply(page, report, report.supply)
     _front(page, report, scale)

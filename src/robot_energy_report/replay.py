@@ -303,17 +303,16 @@ def _condition(page: Document, whole: ReplayReport, _: ReplayCurves | None) -> N
     for change in report.wear:
         page.paragraph(change.sentence, "note" if change.fell else "problem")
     known = [joint for joint in report.joints if joint.valid]
-    if known:
-        page.rows(
-            "Learned: friction over that of the model file, from measured torque",
-            [
-                Column("", "name"),
-                Column("multiplier", "multiplier", fixed(3)),
-                Column("last minute", "multiplier_raw", fixed(3)),
-                Column("records\nfor wear", "records"),
-            ],
-            known,
-        )
+    page.rows(
+        "Learned: friction over that of the model file, from measured torque",
+        [
+            Column("", "name"),
+            Column("multiplier", "multiplier", fixed(3)),
+            Column("last minute", "multiplier_raw", fixed(3)),
+            Column("records\nfor wear", "records"),
+        ],
+        known,
+    )
     if report.meter_valid:
         page.paragraph(
             f"learned from the power meter: constant losses {report.loss_offset:+.1f} W"
@@ -328,7 +327,7 @@ def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> No
     page.rows(
         "Inputs",
         [
-            Column("", lambda entry: _input_name(entry[0])),
+            Column("", 0),
             Column("received", lambda entry: entry[1].received),
             Column("accepted", lambda entry: entry[1].accepted),
             Column(
@@ -341,7 +340,11 @@ def _quality(page: Document, report: ReplayReport, _: ReplayCurves | None) -> No
                 ),
             ),
         ],
-        [(name, account) for name, account in report.inputs.items() if account.received],
+        [  # such as ``pump, meter`` for ``pump_meter_messages``
+            (INPUT_NAMES.get(key) or ", ".join(key.removesuffix("_messages").rsplit("_", 1)), one)
+            for key, one in report.inputs.items()
+            if one.received
+        ],
     )
     EnergySections(page, report).quality()
 
@@ -361,9 +364,3 @@ SECTIONS: dict[str, Section] = {
     "Model and provenance": _model,
 }
 """Parts of a report about one recording, in their order; one that adds nothing has no heading."""
-
-
-def _input_name(key: str) -> str:
-    """The name of an input in the table, such as ``pump, meter`` for ``pump_meter_messages``."""
-    load, _, what = key.removesuffix("_messages").rpartition("_")
-    return INPUT_NAMES.get(key) or f"{load}, {what}"

@@ -3,82 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import Block, Float, MeterBlock, TemperatureBlock
 
 
-@dataclass(frozen=True)
 class RigJoints(Block):
-    """Joint states as the controller reports them.
+    """Joint states as the controller reports them."""
 
-    Attributes:
-        joint_position: Joint side, shape (N, n). [rad]
-        joint_velocity: Joint side, shape (N, n). [rad/s]
-        measured_motor_torque: Motor side, from current and name-plate torque constant,
-            shape (N, n). [N m]
-        measured_drive_power: Electrical input of each drive, as it reports, shape (N, n). [W]
-    """
-
-    joint_position: Float
-    joint_velocity: Float
-    measured_motor_torque: Float
-    measured_drive_power: Float
+    joint_position: Annotated[Float, "Joint side, shape (N, n). [rad]"]
+    joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s]"]
+    measured_motor_torque: Annotated[
+        Float, "Motor side, from current and name-plate torque constant, shape (N, n). [N m]"
+    ]
+    measured_drive_power: Annotated[
+        Float, "Electrical input of each drive, as it reports, shape (N, n). [W]"
+    ]
 
 
-@dataclass(frozen=True)
 class Truth(Block):
     """What really happens in the plant, at the true instants of the samples.
 
     ``grid_power = sum_i(rigid_power + friction_power + iron_loss + copper_loss
     + inverter_loss)_i + loss_dc + loss_grid + rectifier_loss + brake_power
     + capacitor_power`` at every sample.
-
-    Attributes:
-        joint_position: Shape (N, n). [rad]
-        joint_velocity: Shape (N, n). [rad/s]
-        joint_acceleration: Shape (N, n). [rad/s^2]
-        motor_velocity: Shape (N, n). [rad/s]
-        motor_torque: At the shaft, shape (N, n). [N m]
-        motor_torque_friction: Shape (N, n). [N m]
-        motor_temperature_degc: Winding and magnets, shape (N, n). [degC]
-        gear_temperature_degc: Oil, shape (N, n). [degC]
-        rigid_power: Shape (N, n). [W]
-        friction_power: Below 0 only where presliding gives back, shape (N, n). [W]
-        iron_loss: Shape (N, n). [W]
-        copper_loss: Shape (N, n). [W]
-        inverter_loss: Shape (N, n). [W]
-        loss_dc: Shape (N,). [W]
-        loss_grid: Shape (N,). [W]
-        rectifier_loss: Shape (N,). [W]
-        brake_power: Shape (N,). [W]
-        capacitor_power: Signed, shape (N,). [W]
-        bus_voltage: Shape (N,). [V]
-        grid_power: Shape (N,). [W]
     """
 
-    joint_position: Float
-    joint_velocity: Float
-    joint_acceleration: Float
-    motor_velocity: Float
-    motor_torque: Float
-    motor_torque_friction: Float
-    motor_temperature_degc: Float
-    gear_temperature_degc: Float
-    rigid_power: Float
-    friction_power: Float
-    iron_loss: Float
-    copper_loss: Float
-    inverter_loss: Float
-    loss_dc: Float
-    loss_grid: Float
-    rectifier_loss: Float
-    brake_power: Float
-    capacitor_power: Float
-    bus_voltage: Float
-    grid_power: Float
+    joint_position: Annotated[Float, "Shape (N, n). [rad]"]
+    joint_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    joint_acceleration: Annotated[Float, "Shape (N, n). [rad/s^2]"]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    motor_torque: Annotated[Float, "At the shaft, shape (N, n). [N m]"]
+    motor_torque_friction: Annotated[Float, "Shape (N, n). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Winding and magnets, shape (N, n). [degC]"]
+    gear_temperature_degc: Annotated[Float, "Oil, shape (N, n). [degC]"]
+    rigid_power: Annotated[Float, "Shape (N, n). [W]"]
+    friction_power: Annotated[Float, "Below 0 only where presliding gives back, shape (N, n). [W]"]
+    iron_loss: Annotated[Float, "Shape (N, n). [W]"]
+    copper_loss: Annotated[Float, "Shape (N, n). [W]"]
+    inverter_loss: Annotated[Float, "Shape (N, n). [W]"]
+    loss_dc: Annotated[Float, "Shape (N,). [W]"]
+    loss_grid: Annotated[Float, "Shape (N,). [W]"]
+    rectifier_loss: Annotated[Float, "Shape (N,). [W]"]
+    brake_power: Annotated[Float, "Shape (N,). [W]"]
+    capacitor_power: Annotated[Float, "Signed, shape (N,). [W]"]
+    bus_voltage: Annotated[Float, "Shape (N,). [V]"]
+    grid_power: Annotated[Float, "Shape (N,). [W]"]
 
     @property
     def shaft_power(self) -> Float:

@@ -13,10 +13,11 @@ bit of the output. Temperatures are held over a block and then advanced by its m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeVar
+from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import RigError
 from robot_energy.model.payload import Payload
 from robot_energy.physics.rigid_body import Robot
@@ -52,20 +53,15 @@ DIFFERENCE = 0.004  # s to either side, over which the wind-up of elastic joints
 Waiting = TypeVar("Waiting", bound=Block)
 
 
+@documented
 class Motion(NamedTuple):
-    """What a program makes the robot do from one sample on.
-
-    Attributes:
-        motors: Joint side; that of the links if gears are rigid.
-        motor_velocity: Shape (N, n). [rad/s]
-        rigid_torque: Of bodies and rotors, motor side, shape (N, n). [N m]
-    """
+    """What a program makes the robot do from one sample on."""
 
     first: int
     links: Trajectory
-    motors: Trajectory
-    motor_velocity: Float
-    rigid_torque: Float
+    motors: Annotated[Trajectory, "Joint side; that of the links if gears are rigid."]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    rigid_torque: Annotated[Float, "Of bodies and rotors, motor side, shape (N, n). [N m]"]
 
     def part(self, first: int, rows: int) -> Motion:
         """Return so many samples from one on."""

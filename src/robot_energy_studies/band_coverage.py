@@ -28,7 +28,7 @@ from robot_energy.model import RobotModel
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.setup import ReplaySetup
-from robot_energy.timeline.blocks import Float, Int, Phase
+from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_plan.motion import random_program, tool_above
@@ -37,7 +37,6 @@ from robot_energy_rig.record import record
 
 BODY = "kr16"
 AMBIENT = 22.0  # degC
-SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the errors, for `score_quantiles`
 LABEL = "virtual rig, plants drawn at random; nothing here was measured on a robot"
 SEEDS = 100  # of motions, for each plant
 MEAN = 1.0  # of the powers without a meter that are compared [s]
@@ -260,33 +259,3 @@ def summary(rows: Sequence[Covered]) -> dict[str, float]:
         "median half width, power, without": median(one.half_power_alone for one in rows),
         "median half width, energy, without": median(one.half_alone for one in rows),
     }
-
-
-def by_run(rows: Sequence[Covered]) -> dict[str, dict[str, float]]:
-    """Return what `summary` gives, for each kind of run. [-]"""
-    names = dict.fromkeys(one.run for one in rows)
-    return {name: summary([one for one in rows if one.run == name]) for name in names}
-
-
-def by_phase(rows: Sequence[Covered]) -> dict[str, float]:
-    """Return the share of readings of power within the band with a meter, for each phase. [-]"""
-    counts = np.sum([one.counts for one in rows], axis=0)
-    return {
-        phase.name.lower(): float(counts[phase, 1] / counts[phase, 0])
-        for phase in Phase
-        if counts[phase, 0]
-    }
-
-
-def score_quantiles(rows: Sequence[Covered]) -> dict[str, Float]:
-    """Return quantiles, at `SHARES`, of errors over the standard deviations that the bands imply.
-
-    They are those of a normal distribution where bands hold and errors are normal.
-    """
-    scores = {
-        "power, with meter": np.concatenate([one.scores_power for one in rows]),
-        "energy, with meter": Z90 * np.array([one.error / one.half for one in rows]),
-        "power, without": np.concatenate([one.scores_power_alone for one in rows]),
-        "energy, without": Z90 * np.array([one.error / one.half_alone for one in rows]),
-    }
-    return {name: np.quantile(values, SHARES) for name, values in scores.items()}

@@ -20,7 +20,6 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
-from robot_energy.pipeline import Output
 from robot_energy.replay.bag_replay import replay
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
@@ -132,22 +131,14 @@ def _ur3e(folder: Path) -> TestedRobot:
             recording(str(file), scratch.path / file.stem, model.joint_names).bag for file in files
         ]
         data = drive_data(BagSource(bags).recordings(model), [None] * len(bags), False)
-        work = [_work(bag, model) for bag in bags]
+        # who observes a replay lets it keep joint positions
+        replays = [replay(bag, model, on_output=lambda _: None).work for bag in bags]
+        work = [(one.tool_path, one.body_work) for one in replays]
     names = [file.stem.removesuffix(".unix") for file in files]
     return tested(
         "UR3e (Universal Robots)", "DC bus, 48 V: controller's voltage x current",
         "model: shipped bodies and friction, nothing fitted", data, model, names, work,
     )  # fmt: skip
-
-
-def _work(bag: str | Path, model: RobotModel) -> tuple[float, float]:
-    """Path of the tool [m] and work on the bodies [J]."""
-
-    def observe(_: Output) -> None:
-        """Let the replay keep joint positions."""
-
-    work = replay(bag, model, on_output=observe).work
-    return work.tool_path, work.body_work
 
 
 def _yu_cobot(file: Path) -> TestedRobot:

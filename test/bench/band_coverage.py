@@ -11,16 +11,12 @@ import argparse
 import sys
 from statistics import NormalDist
 
+import numpy as np
+
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-from robot_energy_studies.band_coverage import (
-    RUNS,
-    SHARES,
-    band_coverage,
-    by_phase,
-    by_run,
-    score_quantiles,
-    summary,
-)
+from robot_energy.timeline.blocks import Phase
+from robot_energy_studies.band_coverage import RUNS, band_coverage, summary
 
 GOALS = {
     "power, with meter": (0.87, 0.93),
@@ -29,6 +25,7 @@ GOALS = {
     "energy, without": (0.85, 1.0),
 }
 WITHIN = {run.name for run in RUNS[:3]}  # runs within the identified temperatures
+SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)  # of the errors
 MAX_STANDARD = 0.03  # half width of the energy of a minute on the standard plant
 
 
@@ -41,6 +38,30 @@ def shown(rows):
             flush=True,
         )
         yield row
+
+
+def by_phase(rows):
+    """Return the share of readings of power within the band with a meter, for each phase. [-]"""
+    counts = np.sum([one.counts for one in rows], axis=0)
+    return {
+        phase.name.lower(): float(counts[phase, 1] / counts[phase, 0])
+        for phase in Phase
+        if counts[phase, 0]
+    }
+
+
+def score_quantiles(rows):
+    """Return quantiles, at `SHARES`, of errors over the standard deviations that the bands imply.
+
+    They are those of a normal distribution where bands hold and errors are normal.
+    """
+    scores = {
+        "power, with meter": np.concatenate([one.scores_power for one in rows]),
+        "energy, with meter": Z90 * np.array([one.error / one.half for one in rows]),
+        "power, without": np.concatenate([one.scores_power_alone for one in rows]),
+        "energy, without": Z90 * np.array([one.error / one.half_alone for one in rows]),
+    }
+    return {name: np.quantile(values, SHARES) for name, values in scores.items()}
 
 
 def main():
@@ -63,7 +84,8 @@ def main():
             missed += not met
             text = f"   goal {goal[0]:.0%} to {goal[1]:.0%}{'' if met else ', missed'}"
         print(f"{name:40} {share:6.1%}{text}")
-    runs = by_run(rows)
+    names = dict.fromkeys(one.run for one in rows)
+    runs = {name: summary([one for one in rows if one.run == name]) for name in names}
     print(f"\n{'within the band':24}" + "".join(f"{name:>20}" for name in GOALS))
     for name, found in runs.items():
         print(f"{name:24}" + "".join(f"{found[what]:20.1%}" for what in GOALS))

@@ -23,7 +23,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.certainty.deviation import FORM, Z90
+from robot_energy.certainty.deviation import FORM_SHARE, Z90
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel, load
@@ -113,7 +113,7 @@ def yu_cobot(file: Path) -> Iterator[LeftOut]:
         weight = test.duration / test.duration.sum()
         terms = np.concatenate([[1.0], weight @ test.terms.reshape(len(test), -1)])
         predicted = float(weight @ predict(test, fit))
-        of_form = FORM * (predicted - float(weight @ test.shaft) - fit.constant)
+        of_form = FORM_SHARE * (predicted - float(weight @ test.shaft) - fit.constant)
         variance = float(terms @ np.array(covariance.matrix) @ terms) + of_form**2
         error = predicted / float(weight @ test.measured) - 1.0
         yield LeftOut("Yu-Cobot", str(number + 1), error, Z90 * variance**0.5 / predicted)

@@ -1,7 +1,6 @@
 """Laws of time: any cutting of a stream into blocks gives the same, for each rule and the whole."""
 
 from collections import Counter
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +23,6 @@ cuts = st.lists(st.integers(0, 120), max_size=12)
 seeds = st.integers(0, 2**31)
 
 
-@dataclass(frozen=True)
 class Numbered(Block):
     """Messages with a number, of one of two kinds."""
 

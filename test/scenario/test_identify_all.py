@@ -11,7 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from mistakes import delayed, rewrite
 from pages import read
+from places import ROOT
 from plants import PROGRAM, two_link_profile
 from robot_energy.model import load
 from robot_energy.pipeline import Settings
@@ -20,6 +22,7 @@ from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
+from robot_energy_identify.api.identify import identify_all, identify_cabinet
 from robot_energy_rig import RigConfig, VirtualRig
 from robot_energy_rig.record import record
 from terminal_tables import WIDTHS, lost, recorded_tables
@@ -147,3 +150,21 @@ def test_single_commands_write_reports_too(folder: Path, tmp_path: Path, subject
     assert read(page).cells
     assert f"robot-energy identify {subject}" in page
     assert json.loads((tmp_path / "x.json").read_text())
+
+
+def test_a_meter_clock_that_is_off_in_one_recording_changes_little(tmp_path):
+    bags = [ROOT / "bags" / f"drawn_train_{name}" for name in ("cold", "middle", "warm")]
+    late = rewrite(bags[2], tmp_path / "late", None, delayed(0.4))
+    others = ("dynamics", "friction", "drives", "capacitor", "thermal")
+
+    def found(paths: list[Path]) -> tuple[float, str]:
+        whole = identify_all(paths, "kr16", "motor_torque", held_out=False, skip=others)
+        cabinet = whole.model.cabinet
+        return cabinet.loss_grid.value + cabinet.loss_dc.value, json.dumps(whole.to_dict())
+
+    (sound, said), (off, said_off) = found(bags), found([*bags[:2], late])
+    assert off == pytest.approx(sound, rel=0.01)
+    assert "its meter is" not in said
+    moved = "late: its meter is 0.4"
+    assert moved in said_off
+    assert moved in json.dumps(identify_cabinet([*bags[:2], late], "kr16").to_dict())

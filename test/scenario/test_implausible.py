@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 import robots
+from mistakes import rewrite, scaled
 from places import ROOT
 from plants import LIMITS, two_link_profile
 from robot_energy.foundation.errors import ImplausibleIdentificationError
@@ -18,6 +19,7 @@ from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
 from robot_energy_identify import refused_recordings
+from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import Finding
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.refused_recordings import notes_on_torque, refuse_torque, torque_evidence
@@ -160,7 +162,7 @@ def test_what_only_mistakes_explain_is_refused(
     finding: Finding,
     refused: bool,
 ) -> None:
-    monkeypatch.setattr(refused_recordings, "check_torque", lambda _: ([finding], ""))
+    monkeypatch.setattr(refused_recordings, "check_torque", lambda *_: ([finding], ""))
     used, effort = load(model(tmp_path, (1.0, 1.0))), EffortMeaning.MOTOR_CURRENT
     parts = [torque_evidence(read_recording(bag, used, effort), effort)]
     if refused:
@@ -168,6 +170,25 @@ def test_what_only_mistakes_explain_is_refused(
             refuse_torque(parts)
     else:
         assert refuse_torque(parts) == ("the gear",)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1.25, "the torque of all joints is"), (0.0, "its torque is 0 throughout")]
+)
+def test_one_recording_with_another_torque_is_refused_by_name(
+    factor: float, said: str, tmp_path: Path
+) -> None:
+    used, effort = load("kr16"), EffortMeaning.MOTOR_TORQUE
+
+    def evidence(path: Path) -> Evidence:
+        return torque_evidence(read_recording(path, used, effort), effort)
+
+    names = ("cold", "middle", "warm")
+    sound = [evidence(ROOT / "bags" / f"drawn_train_{name}") for name in names]
+    assert refuse_torque(sound) == ()
+    off = rewrite(ROOT / "bags/drawn_train_warm", tmp_path / "off", scaled(("effort",), factor))
+    with pytest.raises(ImplausibleIdentificationError, match=f"off: {said}"):
+        refuse_torque([*sound[:2], evidence(off)])
 
 
 def test_a_refusal_behind_a_fit_names_the_cause(

@@ -26,7 +26,7 @@ from rclpy.node import Node
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import load_account
-from robot_energy.store.slot_store import Submit
+from robot_energy.store.slots import Submit
 from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
 
 OPENING = 2.0  # how long configure waits for the disk [s]

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -139,10 +139,10 @@ class ConsoleView:
 
     def _balance(self, width: int) -> Group:
         """Predicted power and its parts, which sum to it."""
-        parts = [self._powers[key] for key in PARTS]
+        parts = [None if math.isnan(self._powers[key]) else self._powers[key] for key in PARTS]
         return fitted_table(
             ("from the grid", "predicted", *PARTS),
-            [("power [W]", self._watts("predicted"), *_rounded(parts))],
+            [("power [W]", self._watts("predicted"), *summing(parts, 0))],
             width,
         )
 
@@ -252,11 +252,6 @@ def _compared(registers: EnergyRegisters) -> str:
         f"{_wh(predicted)} Wh predicted, {_wh(measured)} Wh measured "
         f"({_error(predicted, measured)})"
     )
-
-
-def _rounded(parts: Sequence[float]) -> list[str]:
-    """Parts in whole watts that sum to the rounded sum; a dash for one that is not modelled."""
-    return summing([None if math.isnan(part) else part for part in parts], 0)
 
 
 def _number(value: float, digits: int) -> str:

@@ -101,12 +101,6 @@ MEASUREMENTS = (
 )
 
 
-def load_measurements(name: str) -> tuple[Measurement, ...]:
-    """Return the measurements of a load outside of the cabinet."""
-    power, _, energy = _of(LOAD, "power", "energy", name)
-    return power, energy
-
-
 def data_value(one: Measurement, newest: Newest, now: float) -> tuple[float, str, float]:
     """Return value, status and source time [s] of a measurement.
 
@@ -195,7 +189,7 @@ class OpcUaExporter(Exporter):
         power = newest.message(Topic.POWER)
         for name in [] if power is None else [load.name for load in power.auxiliary]:
             if name not in self._loads and len(self._loads) < MAX_LOADS:
-                self._loads[name] = load_measurements(name)
+                self._loads[name] = _of(LOAD, "power", "energy", name)[::2]  # one energy
         wanted = [*MEASUREMENTS, *(one for each in self._loads.values() for one in each)]
         values = {one: data_value(one, newest, now) for one in wanted}
         asyncio.run_coroutine_threadsafe(self._write(values), loop)

@@ -100,7 +100,7 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
         found["auxiliary"] = [
             {
                 "name": load.name,
-                "state": state_name(load),
+                "state": load.states[load.state] if 0 <= load.state < len(load.states) else None,
                 "power": known(load.power),
                 "remarks": int(load.remarks),
             }
@@ -119,11 +119,6 @@ def exported(message: Any, topic: Topic) -> dict[str, Any]:
             for load in message.auxiliary[:MAX_JOINTS]
         ]
     return found
-
-
-def state_name(load: Any) -> str | None:
-    """Return the name of the state of a load; None where it is not known."""
-    return load.states[load.state] if 0 <= load.state < len(load.states) else None
 
 
 def stamp_of(stamp: Any) -> float:

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from robot_energy.foundation.config_file import parse_yaml, read_text, validated
 from robot_energy.foundation.errors import KindError, MeterProfileError
 from robot_energy.foundation.kinds import Kind, Kinds
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE, LOCATIONS
@@ -22,7 +24,7 @@ from ros2_energy_monitor.meters.http_link import HttpLink, HttpProfile
 from ros2_energy_monitor.meters.link import Endpoint, MeterLink
 from ros2_energy_monitor.meters.modbus_link import ModbusLink, ModbusProfile
 from ros2_energy_monitor.meters.mqtt_link import MqttLink, MqttProfile
-from ros2_energy_monitor.meters.profile import MeterProfile, checked, read_document
+from ros2_energy_monitor.meters.profile import FOLDER, MeterProfile
 from ros2_energy_monitor.meters.sunspec_link import SunSpecLink, SunSpecProfile
 
 
@@ -119,7 +121,16 @@ METER_LINKS = Kinds(
 
 def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
     """Return the kind of the link of a profile, shipped or a file of yours, and what it holds."""
-    source, document = read_document(name)
+    shipped = {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
+    path = shipped.get(name) or Path(name)
+    if name not in shipped and path.suffix not in (".yaml", ".yml"):
+        raise MeterProfileError(
+            f"there is no meter profile '{name}'",
+            f"one of {', '.join(shipped)}, or the path of a YAML file",
+        )
+    source = str(path)
+    text = read_text(path, MeterProfileError, "meter profile")
+    document: object = parse_yaml(text, source, MeterProfileError)
     link = document.get("link") if isinstance(document, dict) else None
     try:
         kind = METER_LINKS[str(link)]
@@ -127,4 +138,4 @@ def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
         raise MeterProfileError(
             f"{source} has the link '{link}'", METER_LINKS.expected, METER_LINKS.remedy(str(link))
         ) from error
-    return kind, checked(document, kind.profile, source)
+    return kind, validated(document, kind.profile, source, MeterProfileError)

@@ -77,7 +77,7 @@ def terms_at(
 def _values_at(document: Any, number: JsonNumber, whose: str) -> list[float]:
     *path, last = number.path
     each = last == EACH
-    found, missing = at(document, path if each else number.path)
+    found = at(document, path if each else number.path)
     where = ".".join(map(str, number.path))
     if each and isinstance(found, list):
         phases = cast("list[Any]", found)
@@ -91,10 +91,6 @@ def _values_at(document: Any, number: JsonNumber, whose: str) -> list[float]:
             f"{whose} sends a list at {where}",
             "a number",
             f'end the path with a position, as 0, or with "{EACH}" to add all up',
-        )
-    if missing:
-        raise MeterAnswerError(
-            f"{whose} sends no number at {where}", "one there, or another profile"
         )
     return [_value(found, whose, where)]
 
@@ -121,12 +117,12 @@ def _value(found: Any, whose: str, where: str) -> float:
 
 def is_good(document: Any, flags: Sequence[JsonFlag]) -> bool:
     """Return whether a document states none of the faults."""
-    lists = ((at(document, flag.path)[0], flag.without) for flag in flags)
+    lists = ((at(document, flag.path), flag.without) for flag in flags)
     return not any(isinstance(found, list) and fault in found for found, fault in lists)
 
 
-def at(document: Any, path: Sequence[str | int]) -> tuple[Any, bool]:
-    """Return what stands at a path, and whether nothing does."""
+def at(document: Any, path: Sequence[str | int]) -> Any:
+    """Return what stands at a path; ``...`` where nothing does."""
     here = document
     for step in path:
         if isinstance(here, dict) and step in here:
@@ -134,8 +130,8 @@ def at(document: Any, path: Sequence[str | int]) -> tuple[Any, bool]:
         elif isinstance(here, list) and isinstance(step, int) and 0 <= step < len(here):
             here = cast("list[Any]", here)[step]
         else:
-            return None, True
-    return here, False
+            return ...
+    return here
 
 
 MAX_ANSWER = 1_000_000  # bytes of one answer, with headers and what is refused

@@ -121,7 +121,7 @@ class Registers:
         self._endpoint, self._table = endpoint, table
         self._unit = unit if endpoint.unit is None else endpoint.unit
         self._client = None
-        self._bound = AnswerBound(self.where, endpoint.timeout)
+        self.bound = AnswerBound(self.where, endpoint.timeout)
 
     @property
     def where(self) -> str:
@@ -145,17 +145,13 @@ class Registers:
         receive = client.recv
 
         def bounded(size: int | None) -> bytes:
-            client.comm_params.timeout_connect = self._bound.left
+            client.comm_params.timeout_connect = self.bound.left
             data = receive(size)
-            self._bound.take(len(data))
+            self.bound.take(len(data))
             return data
 
         client.recv = bounded
         self._client = client
-
-    def begin(self) -> None:
-        """Begin a reading: what follows together keeps to one size and one time."""
-        self._bound.begin()
 
     def close(self) -> None:
         """Disconnect."""
@@ -238,7 +234,7 @@ class ModbusLink(MeterLink):
 
     def read(self) -> Sequence[Exchange]:
         """Read flags, energy and power in this order."""
-        self._registers.begin()
+        self._registers.bound.begin()
         valid = all(self._is_good(flag) for flag in self._profile.flags)
         quantities = self._profile.quantities.items()
         return [self._exchange(what, numbers, valid) for what, numbers in quantities]

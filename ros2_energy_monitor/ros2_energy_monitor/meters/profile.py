@@ -16,12 +16,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from robot_energy.foundation.config_file import parse_yaml, read_text, validated
-from robot_energy.foundation.errors import MeterProfileError
 from robot_energy.foundation.units import ENERGY_UNITS, POWER_UNITS
 from ros2_energy_monitor.meters.reading import Quantity
 
@@ -137,24 +135,3 @@ class MeterProfile(ProfileEntry, Generic[N]):
     def counts_energy(self) -> bool:
         """Whether the meter counts energy."""
         return self.DESCRIBES_ITSELF or bool(self.energy)
-
-
-P = TypeVar("P", bound=MeterProfile[Any])
-
-
-def read_document(name: str) -> tuple[str, object]:
-    """Return the path of a profile and its content, unchecked."""
-    shipped = {path.stem: path for path in sorted(FOLDER.glob("*.yaml"))}
-    path = shipped.get(name) or Path(name)
-    if name not in shipped and path.suffix not in (".yaml", ".yml"):
-        raise MeterProfileError(
-            f"there is no meter profile '{name}'",
-            f"one of {', '.join(shipped)}, or the path of a YAML file",
-        )
-    text = read_text(path, MeterProfileError, "meter profile")
-    return str(path), parse_yaml(text, str(path), MeterProfileError)
-
-
-def checked(document: object, model: type[P], source: str) -> P:
-    """Return the profile that a content describes."""
-    return validated(document, model, source, MeterProfileError)

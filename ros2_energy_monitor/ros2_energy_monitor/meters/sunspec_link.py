@@ -95,7 +95,7 @@ class SunSpecLink(MeterLink):
 
     def read(self) -> Sequence[Exchange]:
         """Read energy and power of the meter in one request."""
-        self._registers.begin()
+        self._registers.bound.begin()
         if self._found is None:
             self._found = self._meter(self._base())
         address, layout = self._found

@@ -111,7 +111,6 @@ class MeterDriver(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__(self.NAME, **options)
         self.guard = Guard(self.NAME, options.get("context"))
-        self.poller: Poller | None = None
         try:
             self.parameters = declare(self, MeterDriverParameters)
             kind, self.profile = load_profile(self.parameters.profile)
@@ -170,8 +169,6 @@ class MeterDriver(Node):
 
     def tick(self) -> None:
         """Publish what the meter has answered since the last tick."""
-        if self.poller is None:
-            return
         readings = self.poller.take()
         now_ns, now = self.get_clock().now().nanoseconds, time.monotonic()
         for reading in readings:
@@ -188,7 +185,7 @@ class MeterDriver(Node):
 
     def destroy_node(self) -> None:
         """Stop to poll and destroy the node."""
-        if self.poller is not None:
+        if hasattr(self, "poller"):
             self.poller.stop()
         super().destroy_node()
 

@@ -29,20 +29,14 @@ FRAME_AT = 12  # where the frame of a serialised message begins
 WORDS = ("ok", "warning", "stale", "error")
 
 
+@documented
 class StatusHead(NamedTuple):
-    """What the history needs of a diagnostic status.
+    """What the history needs of a diagnostic status."""
 
-    Attributes:
-        name: Of node and subject.
-        level: As messages have it.
-        message: In words.
-        restarts: Value of that name; empty without one.
-    """
-
-    name: str
-    level: bytes
-    message: str
-    restarts: str = ""
+    name: Annotated[str, "Of node and subject."]
+    level: Annotated[bytes, "As messages have it."]
+    message: Annotated[str, "In words."]
+    restarts: Annotated[str, "Value of that name; empty without one."] = ""
 
 
 def first_name(data: bytes) -> bytes:

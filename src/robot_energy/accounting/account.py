@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from robot_energy.accounting.account_record import carry_into, record_of, totals_of
-from robot_energy.accounting.auxiliary import AccountMark, AuxiliaryAccount
+from robot_energy.accounting.auxiliary import AuxiliaryAccount
 from robot_energy.accounting.averaging import Averager, MeanBlock
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.accounting.exact_sum import CountMark, ExactSum, SampleCounts, SumMark, greatest
+from robot_energy.accounting.exact_sum import ExactSum, SampleCounts, greatest
 from robot_energy.accounting.job_intervals import JobIntervals
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MeterResponse
@@ -34,7 +35,6 @@ from robot_energy.accounting.record import (
 from robot_energy.accounting.registers import (
     CABINET_REGISTERS,
     CLOCK_STEP_NS,
-    Coverage,
     Registers,
     ShaftEnergySums,
 )
@@ -55,7 +55,6 @@ from robot_energy.timeline.blocks import (
 from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 from robot_energy.timeline.stamps import MAX_STAMP_NS, MIN_STAMP_NS
 
-_Counters = tuple[list[SumMark], CountMark, Int, Coverage, int, AccountMark | None]
 REPEATED_NS = 1_000_000_000  # after a restart, stamps up to this old were counted before it
 
 
@@ -175,33 +174,25 @@ class EnergyAccount:
         return list(zip(found.tolist(), ends.tolist(), strict=True))
 
     def _step(self, block: PowerBlock) -> MeanBlock | None:
-        before: _Counters = (
-            [*map(ExactSum.mark, (self.registers, self.shaft, self.comparison))],
-            self.counts.mark(),
-            self.shaft.compared_ns.copy(),
-            replace(self.registers.time),
-            self.comparison.compared_ns,
-            self.auxiliary.mark() if self.auxiliary is not None else None,
-        )
+        registers, shaft, comparison = self.registers, self.shaft, self.comparison
+        undo = [
+            *map(ExactSum.mark, (registers, shaft, comparison)),
+            *self.counts.mark(),
+            partial(vars(registers).update, time=replace(registers.time)),
+            partial(vars(shaft).update, compared_ns=shaft.compared_ns.copy()),
+            partial(vars(comparison).update, compared_ns=comparison.compared_ns),
+            *(() if self.auxiliary is None else self.auxiliary.mark()),
+        ]
         try:
             means, compared = self._counted(block)
-        except Exception:
-            self._take_back(before)
+        except Exception:  # all counters stand as before; the time until the next sample is a gap
+            for each in undo:
+                each()
+            self.interrupt()
             raise
         if self.on_compared is not None and compared is not None:
             self.on_compared(compared)
         return means
-
-    def _take_back(self, counters: _Counters) -> None:
-        """Let all counters stand as before; the time until the next sample is a gap."""
-        sums, counts, self.shaft.compared_ns, time, self.comparison.compared_ns, loads = counters
-        self.registers.time = time
-        for each, mark in zip((self.registers, self.shaft, self.comparison), sums, strict=True):
-            each.go_back(mark)
-        self.counts.go_back(counts)
-        if self.auxiliary is not None and loads is not None:
-            self.auxiliary.go_back(loads)
-        self.interrupt()
 
     def _counted(self, block: PowerBlock) -> tuple[MeanBlock | None, Compared | None]:
         """Count a block; return the means and what was compared, None if all was counted before."""

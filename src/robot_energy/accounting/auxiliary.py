@@ -11,11 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, SumMark
+from robot_energy.accounting.exact_sum import REMAINDER_BITS, ExactSum, Undo
 from robot_energy.accounting.load_curve import UNKNOWN, LoadCurve
 from robot_energy.accounting.registers import CLOCK_STEP_NS
 from robot_energy.inputs.auxiliary import LoadTopics
@@ -24,8 +24,6 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, Pow
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
 _COUNTS = ("known_ns", "missing_ns", "missing_count", "state_ns", "together_ns", "observed_ns")
-AccountMark = tuple[list[SumMark], list[Any], Any]
-"""Where an account stands: its sums, its counts, and what waits."""
 
 
 class AuxiliaryAccount:
@@ -99,18 +97,11 @@ class AuxiliaryAccount:
     def _sums(self) -> tuple[ExactSum, ...]:
         return self.energy, self.together, self.state_energy
 
-    def mark(self) -> AccountMark:
-        """Return where the account stands, for `go_back`."""
-        counts = [getattr(self, name) for name in _COUNTS]
-        return [each.mark() for each in self._sums], counts, (self._waiting, self._was_known)
-
-    def go_back(self, mark: AccountMark) -> None:
-        """Drop what was counted since."""
-        sums, counts, (self._waiting, self._was_known) = mark
-        for each, where in zip(self._sums, sums, strict=True):
-            each.go_back(where)
-        for name, value in zip(_COUNTS, counts, strict=True):
-            setattr(self, name, value)
+    def mark(self) -> list[Undo]:
+        """Return what drops all that is counted from now on."""
+        names = *_COUNTS, "_waiting", "_was_known"
+        counts = {name: getattr(self, name) for name in names}
+        return [partial(vars(self).update, counts), *map(ExactSum.mark, self._sums)]
 
     def add_times(self, counts: Int, state_ns: Int, together_ns: int, observed_ns: int) -> None:
         """Put what was counted earlier before these counts.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -22,56 +22,48 @@ from robot_energy.timeline.blocks import (
 from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 
 
-@dataclass(frozen=True)
 class MeanBlock(Block):
-    """Power averaged over periods; one row per period.
+    """Power averaged over periods; one row per period."""
 
-    Attributes:
-        stamp_ns: Last sample of the period, shape (W,). [ns]
-        quality: All quality bits met, shape (W,).
-        phase: That held for the largest part of the period, shape (W,).
-        period: Time integrated, shape (W,). [s]
-        coverage: Integrated share of the time since the last period, shape (W,). [-]
-        cabinet: Mean of each cabinet register's power, shape (W, 6). [W]
-        joints: Mean of each joint register's power, shape (W, 5, n). [W]
-        deviation: Mean of the deviations of the power, shape (W, K). [W]
-        band_half: Half width of the 90 % band about the mean grid power, shape (W,). [W]
-        band: What kind of band it is, `robot_energy.certainty.deviation.BandKind`, shape (W,).
-        shaft_power_measured: Mean, shape (W, n); NaN unless the effort covers all of the
-            time integrated, so that it compares with the predicted mean. [W]
-        motor_velocity, motor_torque, motor_torque_measured, coulomb, viscous,
-            motor_temperature_degc: At the last sample, shape (W, n).
-        payload_mass: At the last sample, shape (W,). [kg]
-        measured_power: Mean over the newest compared intervals, shape (W,). [W]
-        predicted_power_at_meter: Mean over the same intervals, shape (W,). [W]
-        comparison_coverage: Compared share of the time they span, shape (W,). [-]
-        measurement_age: From the newest compared interval to the stamp, shape (W,). [s]
-        loads: Of each auxiliary load at the stamp, in the order of
-            `robot_energy.accounting.load_curve.COLUMNS`, shape (W, loads, 6).
-    """
-
-    quality: Bits
-    phase: Int
-    period: Float
-    coverage: Float
-    cabinet: Float
-    joints: Float
-    deviation: Float
-    band_half: Float
-    band: Int
-    shaft_power_measured: Float
-    motor_velocity: Float
-    motor_torque: Float
-    motor_torque_measured: Float
-    coulomb: Float
-    viscous: Float
-    motor_temperature_degc: Float
-    payload_mass: Float
-    measured_power: Float
-    predicted_power_at_meter: Float
-    comparison_coverage: Float
-    measurement_age: Float
-    loads: Float
+    stamp_ns: Annotated[Int, "Last sample of the period, shape (W,). [ns]"]
+    quality: Annotated[Bits, "All quality bits met, shape (W,)."]
+    phase: Annotated[Int, "That held for the largest part of the period, shape (W,)."]
+    period: Annotated[Float, "Time integrated, shape (W,). [s]"]
+    coverage: Annotated[
+        Float, "Integrated share of the time since the last period, shape (W,). [-]"
+    ]
+    cabinet: Annotated[Float, "Mean of each cabinet register's power, shape (W, 6). [W]"]
+    joints: Annotated[Float, "Mean of each joint register's power, shape (W, 5, n). [W]"]
+    deviation: Annotated[Float, "Mean of the deviations of the power, shape (W, K). [W]"]
+    band_half: Annotated[
+        Float, "Half width of the 90 % band about the mean grid power, shape (W,). [W]"
+    ]
+    band: Annotated[
+        Int, "What kind of band it is, `robot_energy.certainty.deviation.BandKind`, shape (W,)."
+    ]
+    shaft_power_measured: Annotated[
+        Float,
+        "Mean, shape (W, n); NaN unless the effort covers all of the time integrated, so that it "
+        "compares with the predicted mean. [W]",
+    ]
+    motor_velocity: Annotated[Float, "At the last sample, shape (W, n)."]
+    motor_torque: Annotated[Float, "At the last sample, shape (W, n)."]
+    motor_torque_measured: Annotated[Float, "At the last sample, shape (W, n)."]
+    coulomb: Annotated[Float, "At the last sample, shape (W, n)."]
+    viscous: Annotated[Float, "At the last sample, shape (W, n)."]
+    motor_temperature_degc: Annotated[Float, "At the last sample, shape (W, n)."]
+    payload_mass: Annotated[Float, "At the last sample, shape (W,). [kg]"]
+    measured_power: Annotated[Float, "Mean over the newest compared intervals, shape (W,). [W]"]
+    predicted_power_at_meter: Annotated[Float, "Mean over the same intervals, shape (W,). [W]"]
+    comparison_coverage: Annotated[Float, "Compared share of the time they span, shape (W,). [-]"]
+    measurement_age: Annotated[
+        Float, "From the newest compared interval to the stamp, shape (W,). [s]"
+    ]
+    loads: Annotated[
+        Float,
+        "Of each auxiliary load at the stamp, in the order of "
+        "`robot_energy.accounting.load_curve.COLUMNS`, shape (W, loads, 6).",
+    ]
 
     @property
     def predicted_power(self) -> Float:
@@ -92,24 +84,24 @@ SHOWN = (
 _TIMES, _SEEN = slice(1, 1 + len(Phase)), slice(1 + len(Phase), None)  # in `_Pieces.counted`
 
 
-@dataclass(frozen=True)
 class _Pieces(Block):
-    """Parts of periods, one row each.
+    """Parts of periods, one row each."""
 
-    Attributes:
-        stamp_ns: Last sample, shape (W,). [ns]
-        shown: At that sample, what ``SHOWN`` names and the payload, shape (W, 6 n + 1).
-        energy: In the order of the registers, then deviations and measured at the shafts, shape
-            (W, R + K + n). [J]
-        quality: All bits met, shape (W,).
-        counted: Time integrated, time of each phase and the number of the last sample in each
-            phase, -1 for none, shape (W, 1 + 2 phases). [ns] and [-]
-    """
-
-    shown: Float
-    energy: Float
-    quality: Bits
-    counted: Int
+    stamp_ns: Annotated[Int, "Last sample, shape (W,). [ns]"]
+    shown: Annotated[
+        Float, "At that sample, what ``SHOWN`` names and the payload, shape (W, 6 n + 1)."
+    ]
+    energy: Annotated[
+        Float,
+        "In the order of the registers, then deviations and measured at the shafts, shape (W, R + "
+        "K + n). [J]",
+    ]
+    quality: Annotated[Bits, "All bits met, shape (W,)."]
+    counted: Annotated[
+        Int,
+        "Time integrated, time of each phase and the number of the last sample in each phase, -1 "
+        "for none, shape (W, 1 + 2 phases). [ns] and [-]",
+    ]
 
 
 class Averager:

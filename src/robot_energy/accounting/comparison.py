@@ -13,6 +13,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite
+from typing import Annotated
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics import kernels
 from robot_energy.timeline.blocks import (
@@ -48,35 +50,29 @@ ALONE_READINGS = 3  # of the meter that must have come meanwhile
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
 
 
-@dataclass(frozen=True)
-class Idle:
-    """A stretch in which power was predicted and nothing could be compared.
+class Idle(Described):
+    """A stretch in which power was predicted and nothing could be compared."""
 
-    Attributes:
-        since_ns: Predicted stamp at which it began. [ns]
-        ahead_ns: Newest reading minus newest predicted stamp; None without a reading. [ns]
-    """
-
-    since_ns: int
+    since_ns: Annotated[int, "Predicted stamp at which it began. [ns]"]
     until_ns: int
     readings: int
     gaps: int
-    ahead_ns: int | None
+    ahead_ns: Annotated[
+        int | None, "Newest reading minus newest predicted stamp; None without a reading. [ns]"
+    ]
 
 
 @dataclass
 class _Epoch:
-    """Both curves of one epoch, as far as they are not compared.
-
-    Attributes:
-        newest_ns: Newest reading of the meter; None before the first. [ns]
-    """
+    """Both curves of one epoch, as far as they are not compared."""
 
     shown: ShownPower
     predicted: CoveredPieces = NO_PIECES
     measured: CoveredPieces = NO_PIECES
     done_ns: int | None = None
-    newest_ns: int | None = None
+    newest_ns: Annotated[int | None, "Newest reading of the meter; None before the first. [ns]"] = (
+        None
+    )
 
 
 class Comparison(ExactSum):

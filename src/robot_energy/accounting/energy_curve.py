@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -14,20 +14,13 @@ MAX_ROWS = 2**16  # many more than the points of a figure
 MAX_PIECES = 1024  # arrays that are kept before they are joined
 
 
-@dataclass(frozen=True)
 class EnergyRows(Block):
-    """Stretches of time in order.
+    """Stretches of time in order."""
 
-    Attributes:
-        stamp_ns: Where each ends, shape (K,). [ns]
-        begin_ns: Shape (K,). [ns]
-        duration_ns: Time that is covered between them, shape (K,). [ns]
-        energy: Of that time, shape (K, columns). [J]
-    """
-
-    begin_ns: Int
-    duration_ns: Int
-    energy: Float
+    stamp_ns: Annotated[Int, "Where each ends, shape (K,). [ns]"]
+    begin_ns: Annotated[Int, "Shape (K,). [ns]"]
+    duration_ns: Annotated[Int, "Time that is covered between them, shape (K,). [ns]"]
+    energy: Annotated[Float, "Of that time, shape (K, columns). [J]"]
 
 
 class EnergyCurve:
@@ -98,11 +91,7 @@ class EnergyCurve:
 
 
 def add_compared(curve: EnergyCurve, compared: Compared) -> None:
-    """Add measured and predicted energy at the meter to a curve.
-
-    Args:
-        curve: A curve of three columns: measured, predicted as the meter shows it, drawn.
-    """
+    """Add energy at the meter to a curve: measured, predicted as it shows it, drawn."""
     energy = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
     curve.add(compared.stamp_ns, compared.duration_ns, energy)
 

@@ -10,7 +10,8 @@ is cut into blocks, and a year at 1 kHz loses nothing.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from math import isfinite, isnan, nan
 
 import numpy as np
@@ -30,10 +31,7 @@ SETTLED = 512  # rows that wait to be added together: few calls for each of many
 ROUND_WHOLE = 1.5 * 2.0**52  # adding and subtracting this rounds to an integer,
 ROUND_REMAINDER = 1.5 * 2.0 ** (52 - REMAINDER_BITS)  # and this to the remainder's unit
 
-SumMark = tuple[Int, Int, tuple[tuple[int, Float], ...], int]
-"""Where sums stand: microjoules, remainders, energies that wait by first column, their rows."""
-
-
+Undo = Callable[[], None]  # lets counters stand as they did
 MIN_STANDBY = 60.0  # at rest, from which on it is standby [s]
 
 
@@ -77,13 +75,15 @@ class ExactSum:
         """Whether a sum is so near its end that energies must be added one by one."""
         return bool((np.abs(self._microjoule) > NEAR_FULL).any())
 
-    def mark(self) -> SumMark:
-        """Return where the sums stand, for `go_back`."""
-        return self._microjoule, self._remainder, self._waiting, self._rows
-
-    def go_back(self, mark: SumMark) -> None:
-        """Drop what was added since."""
-        self._microjoule, self._remainder, self._waiting, self._rows = mark
+    def mark(self) -> Undo:
+        """Return what drops all that is added from now on."""
+        return partial(
+            vars(self).update,
+            _microjoule=self._microjoule,
+            _remainder=self._remainder,
+            _waiting=self._waiting,
+            _rows=self._rows,
+        )
 
     def add(self, energy: Float, first: int = 0) -> None:
         """Add the energies of intervals.
@@ -196,15 +196,11 @@ class ExactSum:
 
 
 class Standby:
-    """Counts energy and time of every rest that has lasted `MIN_STANDBY`, from its beginning.
-
-    Attributes:
-        ns: Time in standby. [ns]
-    """
+    """Counts energy and time of every rest that has lasted `MIN_STANDBY`, from its beginning."""
 
     def __init__(self) -> None:
         self.energy = ExactSum(1)
-        self.ns = 0
+        self.ns = 0  # time in standby [ns]
         self.rest = ExactSum(1)  # of a rest that is not standby yet
         self._rest_ns = 0
         self._resting = False  # at the last sample
@@ -254,8 +250,6 @@ class Standby:
 
 
 BITS = tuple(int(bit) for bit in Quality)
-CountMark = tuple[dict[str, object], dict[str, object], list[SumMark]]
-"""Where the counters stand."""
 
 
 class SampleCounts:
@@ -341,20 +335,15 @@ class SampleCounts:
         if self._rows >= SETTLED:
             self._settle()
 
-    def mark(self) -> CountMark:
-        """Return where the counters stand, for `go_back`."""
+    def mark(self) -> list[Undo]:
+        """Return what drops all that is counted from now on."""
         standby = self._standby
         sums = self._phase_energy, self._learned_energy, standby.energy, standby.rest
-        return vars(self).copy(), vars(standby).copy(), [*map(ExactSum.mark, sums)]
-
-    def go_back(self, mark: CountMark) -> None:
-        """Drop what was counted since."""
-        values, standby, sums = mark
-        vars(self).update(values)
-        vars(self._standby).update(standby)
-        counted = self._phase_energy, self._learned_energy, self._standby.energy, self._standby.rest
-        for each, before in zip(counted, sums, strict=True):
-            each.go_back(before)
+        return [
+            partial(vars(self).update, vars(self).copy()),
+            partial(vars(standby).update, vars(standby).copy()),
+            *map(ExactSum.mark, sums),
+        ]
 
     def add(
         self, samples: int, peak_power: float, quality: Mapping[int, int], phase_ns: Int

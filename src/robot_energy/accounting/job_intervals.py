@@ -23,14 +23,11 @@ class JobIntervals:
 
     An interval is the difference of two totals, so adjacent ones add up to the
     microjoule. Its bounds are stamps of counted samples.
-
-    Attributes:
-        open_entries: Those that are open, by their numbers.
     """
 
     def __init__(self) -> None:
         self.next_id = 1
-        self.open_entries: dict[int, OpenInterval] = {}
+        self.open_entries: dict[int, OpenInterval] = {}  # those that are open, by their numbers
         self._peaks: dict[int, float] = {}
         self._closed: deque[EnergyInterval] = deque(maxlen=MAX_CLOSED)
 

@@ -39,9 +39,6 @@ class LoadCurve:
         planned: Whether to go by states alone, as for a prediction.
         stale_after: Silence of its states after which that of the model file is in force; 0:
             a state holds until the next one. [s]
-
-    Attributes:
-        bad_states: Numbers that arrived and are those of no state.
     """
 
     def __init__(
@@ -56,7 +53,7 @@ class LoadCurve:
         self.metered = load.metered and not planned
         self.switched = len(load.states) > 1
         self.curve = MeterCurve(limits.max_gap, limits.max_power, limits.wraps_at)
-        self.bad_states = 0
+        self.bad_states = 0  # numbers that arrived and are those of no state
         self._max_power, self._stale_ns = limits.max_power, round(stale_after / NANOSECOND)
         self._power = np.array([figure.value for figure in load.states.values()] + [np.nan])
         self._pieces = NO_PIECES

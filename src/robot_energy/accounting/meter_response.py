@@ -18,12 +18,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
 from itertools import accumulate
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import NANOJOULE_PER_JOULE
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
@@ -38,19 +39,14 @@ MAX_LAG = 1.0  # that is found [s]
 SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
 
 
-@dataclass(frozen=True)
-class MeterResponse:
-    """How late a meter shows what is drawn.
+class MeterResponse(Described):
+    """How late a meter shows what is drawn."""
 
-    Attributes:
-        time_constant: Of its low pass. [s]
-        delay: Of its readings behind the power. [s]
-        stated: Whether the model states it; else the monitor finds it from the readings.
-    """
-
-    time_constant: float = 0.0
-    delay: float = 0.0
-    stated: bool = False
+    time_constant: Annotated[float, "Of its low pass. [s]"] = 0.0
+    delay: Annotated[float, "Of its readings behind the power. [s]"] = 0.0
+    stated: Annotated[
+        bool, "Whether the model states it; else the monitor finds it from the readings."
+    ] = False
 
     @property
     def sentence(self) -> str:
@@ -72,26 +68,16 @@ class MeterResponse:
         return cls(*values, stated=True)
 
 
-@dataclass(frozen=True)
 class _Followed(Block):
-    """Samples that the meter has followed.
+    """Samples that the meter has followed."""
 
-    Attributes:
-        stamp_ns: Shape (N,). [ns]
-        power: Drawn, straight until the next one, shape (N,). [W]
-        behind: What the meter shows beyond it, shape (N,). [W]
-        constant: Time constant until the next one, shape (N,). [s]
-        energy: What the meter shows since a time before the first, shape (N,). [J]
-        first_ns: Where the stretch of each begins, shape (N,). [ns]
-        first_power: The power there, shape (N,). [W]
-    """
-
-    power: Float
-    behind: Float
-    constant: Float
-    energy: Float
-    first_ns: Int
-    first_power: Float
+    stamp_ns: Annotated[Int, "Shape (N,). [ns]"]
+    power: Annotated[Float, "Drawn, straight until the next one, shape (N,). [W]"]
+    behind: Annotated[Float, "What the meter shows beyond it, shape (N,). [W]"]
+    constant: Annotated[Float, "Time constant until the next one, shape (N,). [s]"]
+    energy: Annotated[Float, "What the meter shows since a time before the first, shape (N,). [J]"]
+    first_ns: Annotated[Int, "Where the stretch of each begins, shape (N,). [ns]"]
+    first_power: Annotated[Float, "The power there, shape (N,). [W]"]
 
 
 class ShownPower:
@@ -183,11 +169,7 @@ class ShownPower:
         return np.asarray(shown + first_power * (before_ns * NANOSECOND))
 
     def forget(self, before_ns: int) -> None:
-        """Drop samples that no later interval asks for.
-
-        Args:
-            before_ns: Later intervals begin here at the earliest. [ns]
-        """
+        """Drop samples that no interval from a stamp [ns] on asks for."""
         if self._rows is not None:
             place = np.searchsorted(self._rows.stamp_ns, before_ns - self._delay_ns, side="left")
             self._rows = self._rows[slice(max(int(place) - 1, 0), None)]
@@ -224,15 +206,11 @@ class LagEstimate:
     Over a stretch of 5 s a meter that is late by T shows ``T dy`` less than is drawn, ``dy``
     the step of the reading from its begin to its end; that is fitted to the newest ten
     minutes. Sums are integers, so the cutting of the input makes no difference.
-
-    Attributes:
-        since_ns: From when on each lag counts but the first. [ns]
-        lags: That later samples may ask for. [s]
     """
 
     def __init__(self) -> None:
-        self.since_ns: list[int] = []
-        self.lags = [0.0]
+        self.since_ns: list[int] = []  # from when on each lag counts but the first [ns]
+        self.lags = [0.0]  # that later samples may ask for [s]
         self._windows: deque[tuple[float, float]] = deque(maxlen=MAX_STRETCHES)
         self.jump()
 

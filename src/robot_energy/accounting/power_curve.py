@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.meter.energy_counter import EnergyCounterDecoder
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
@@ -18,19 +19,16 @@ MAX_POWER = 1e6  # no robot draws a megawatt, and the exact sums hold up to ther
 MAX_INTERVAL = 86_400.0  # of a mean [s]
 
 
-@dataclass(frozen=True)
-class MeterLimits:
-    """What the user says of the readings of one meter.
+class MeterLimits(Described):
+    """What the user says of the readings of one meter."""
 
-    Attributes:
-        max_gap: Longest time between readings that is bridged. [s]
-        max_power: Readings that say or imply more, either way, are refused. [W]
-        wraps_at: Reading at which a counter starts again from zero; None: it never does. [J]
-    """
-
-    max_gap: float = 2.0
-    max_power: float = MAX_POWER
-    wraps_at: float | None = None
+    max_gap: Annotated[float, "Longest time between readings that is bridged. [s]"] = 2.0
+    max_power: Annotated[float, "Readings that say or imply more, either way, are refused. [W]"] = (
+        MAX_POWER
+    )
+    wraps_at: Annotated[
+        float | None, "Reading at which a counter starts again from zero; None: it never does. [J]"
+    ] = None
 
     def pieces(self, block: MeterBlock) -> list[CoveredPieces]:
         """Return the pieces of a whole recording's readings, epoch by epoch."""

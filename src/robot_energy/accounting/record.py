@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -60,53 +60,38 @@ class Remainders(RecordPart):
 
 
 class OpenInterval(RecordPart):
-    """An interval that has not been closed.
+    """An interval that has not been closed."""
 
-    Attributes:
-        interval_id: Unique in the life of the state file.
-        name: Unique among the open ones.
-        start_ns: Newest counted sample when it was opened. [ns]
-        peak_power_watt: Highest grid power since; None before the next sample. [W]
-    """
-
-    interval_id: Count
-    name: Name
-    start_ns: Stamp
+    interval_id: Annotated[Count, "Unique in the life of the state file."]
+    name: Annotated[Name, "Unique among the open ones."]
+    start_ns: Annotated[Stamp, "Newest counted sample when it was opened. [ns]"]
     base: Totals
-    peak_power_watt: Power | None
+    peak_power_watt: Annotated[
+        Power | None, "Highest grid power since; None before the next sample. [W]"
+    ]
 
 
 class EnergyInterval(RecordPart):
-    """What an interval has counted, up to its end or up to now.
+    """What an interval has counted, up to its end or up to now."""
 
-    Attributes:
-        interval_id: Unique in the life of the state file.
-        start_ns: Newest counted sample when it was opened. [ns]
-        end_ns: Newest counted sample when it was closed, or now. [ns]
-        peak_power_watt: Highest grid power of the samples after the start. [W]
-    """
-
-    interval_id: Count
+    interval_id: Annotated[Count, "Unique in the life of the state file."]
     name: Name
-    start_ns: Stamp
-    end_ns: Stamp
+    start_ns: Annotated[Stamp, "Newest counted sample when it was opened. [ns]"]
+    end_ns: Annotated[Stamp, "Newest counted sample when it was closed, or now. [ns]"]
     is_open: bool
     counted: Totals
-    peak_power_watt: Power | None
+    peak_power_watt: Annotated[
+        Power | None, "Highest grid power of the samples after the start. [W]"
+    ]
 
 
 class TraceEntry(RecordPart):
-    """Something that happened to the registers and must be seen later.
-
-    Attributes:
-        stamp_ns: Newest counted sample then; None before the first. [ns]
-        totals: All counters before, where they were set to zero.
-    """
+    """Something that happened to the registers and must be seen later."""
 
     kind: TraceKind
-    stamp_ns: Stamp | None
+    stamp_ns: Annotated[Stamp | None, "Newest counted sample then; None before the first. [ns]"]
     text: Text
-    totals: Totals | None = None
+    totals: Annotated[Totals | None, "All counters before, where they were set to zero."] = None
     energy_start_ns: Stamp | None = None
 
 
@@ -133,77 +118,70 @@ class EventLog:
 
 
 class Identity(RecordPart):
-    """Whose registers they are.
-
-    Attributes:
-        robot_serial: As in the model file; empty if it has none.
-        node: Full name of the node that counts; empty for none.
-    """
+    """Whose registers they are."""
 
     robot_type: str
-    robot_serial: str
+    robot_serial: Annotated[str, "As in the model file; empty if it has none."]
     joint_names: tuple[str, ...]
     model_id: str
-    node: str = ""
+    node: Annotated[str, "Full name of the node that counts; empty for none."] = ""
 
 
 class Calibrated(RecordPart):
-    """How wide bands must be, see `robot_energy.certainty.band_calibration`.
-
-    Attributes:
-        log_scale: Logarithm of the scale of power by phase, the first of all phases.
-        energy_windows: The newest, oldest first: error, step of the measured power, deviation of
-            the form. [J], [W], [J]
-        energy_figures: Mean products of the deviations of the figures. [J^2]
-    """
+    """How wide bands must be, see `robot_energy.certainty.band_calibration`."""
 
     location: Literal["UNKNOWN", "GRID", "DC_BUS"]
-    log_scale: tuple[Power, ...]
+    log_scale: Annotated[
+        tuple[Power, ...], "Logarithm of the scale of power by phase, the first of all phases."
+    ]
     readings: tuple[Count, ...]
-    energy_windows: tuple[tuple[Power, Power, Power], ...]
-    energy_figures: tuple[tuple[Power, ...], ...]
+    energy_windows: Annotated[
+        tuple[tuple[Power, Power, Power], ...],
+        "The newest, oldest first: error, step of the measured power, deviation of the form. [J], "
+        "[W], [J]",
+    ]
+    energy_figures: Annotated[
+        tuple[tuple[Power, ...], ...], "Mean products of the deviations of the figures. [J^2]"
+    ]
 
 
 class AccountRecord(RecordPart):
-    """All that an energy account keeps across a restart.
-
-    Attributes:
-        energy_start_ns: Since when they count; None before the first sample. [ns]
-        remainders: What they hold beyond whole microjoules.
-        phase_energy_microjoule: Energy drawn from the grid by phase. [uJ]
-        peak_power_watt: Highest grid power since the start. [W]
-        learned_energy_microjoule: Drawn from the grid as predicted with learned figures. [uJ]
-        standby_energy_microjoule: Drawn from the grid in standby. [uJ]
-        quality_counts: Samples that carried each quality bit, by its name.
-        restarts: How often the registers were taken over from a file.
-        trace: Resets, restarts, changes of the model; the latest of each kind.
-        calibration: Of the bands.
-        auxiliary_states: What was counted in each state of auxiliary loads, by load and state.
-    """
+    """All that an energy account keeps across a restart."""
 
     format_version: Literal[5] = FORMAT_VERSION
     identity: Identity
-    energy_start_ns: Stamp | None
+    energy_start_ns: Annotated[
+        Stamp | None, "Since when they count; None before the first sample. [ns]"
+    ]
     end_ns: Stamp | None
     totals: Totals
-    remainders: Remainders
-    phase_energy_microjoule: dict[str, Integer]
+    remainders: Annotated[Remainders, "What they hold beyond whole microjoules."]
+    phase_energy_microjoule: Annotated[
+        dict[str, Integer], "Energy drawn from the grid by phase. [uJ]"
+    ]
     phase_observed_ns: dict[str, Count]
-    peak_power_watt: Power | None
+    peak_power_watt: Annotated[Power | None, "Highest grid power since the start. [W]"]
     samples: Count
-    learned_energy_microjoule: Integer = 0
-    standby_energy_microjoule: Integer = 0
+    learned_energy_microjoule: Annotated[
+        Integer, "Drawn from the grid as predicted with learned figures. [uJ]"
+    ] = 0
+    standby_energy_microjoule: Annotated[Integer, "Drawn from the grid in standby. [uJ]"] = 0
     standby_ns: Count = 0
-    quality_counts: dict[str, Count]
-    restarts: Count
+    quality_counts: Annotated[
+        dict[str, Count], "Samples that carried each quality bit, by its name."
+    ]
+    restarts: Annotated[Count, "How often the registers were taken over from a file."]
     next_interval_id: Count
     open_intervals: tuple[OpenInterval, ...]
     closed_intervals: tuple[EnergyInterval, ...]
-    trace: tuple[TraceEntry, ...]
-    calibration: Calibrated | None = None
-    auxiliary_states: dict[str, dict[str, LoadStateTotals]] = Field(
-        default_factory=dict[str, dict[str, LoadStateTotals]]
-    )
+    trace: Annotated[
+        tuple[TraceEntry, ...], "Resets, restarts, changes of the model; the latest of each kind."
+    ]
+    calibration: Annotated[Calibrated | None, "Of the bands."] = None
+    auxiliary_states: Annotated[
+        dict[str, dict[str, LoadStateTotals]],
+        "What was counted in each state of auxiliary loads, by load and state.",
+    ] = Field(default_factory=dict[str, dict[str, LoadStateTotals]])
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -8,13 +8,14 @@ held for 10 ms each and added when these have passed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.exact_sum import ExactSum, add_saturating
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.physics import kernels
 from robot_energy.physics.equations import interval_energy
@@ -127,33 +128,20 @@ def _total(durations: Int) -> int:
     return int(durations.sum())
 
 
-@dataclass(frozen=True)
-class SampleIntervals:
-    """The intervals that end at the samples of a block.
+class SampleIntervals(Described):
+    """The intervals that end at the samples of a block."""
 
-    Attributes:
-        duration_ns: Shape (N,); 0 where the interval is a gap or a jump. [ns]
-        energy: Energy of each interval, 0 across gaps, shape (N, R). [J]
-    """
-
-    duration_ns: Int
-    energy: Float
+    duration_ns: Annotated[Int, "Shape (N,); 0 where the interval is a gap or a jump. [ns]"]
+    energy: Annotated[Float, "Energy of each interval, 0 across gaps, shape (N, R). [J]"]
 
 
-@dataclass(frozen=True)
 class HeldEnergies(Block):
-    """Rows that have ended, with their integrals.
+    """Rows that have ended, with their integrals."""
 
-    Attributes:
-        stamp_ns: Where each began, shape (M,). [ns]
-        phase: At that sample, shape (M,).
-        duration_ns: Integrated time, shape (M,). [ns]
-        energy: Shape (M, K). [J]
-    """
-
-    phase: NDArray[np.uint8]
-    duration_ns: Int
-    energy: Float
+    stamp_ns: Annotated[Int, "Where each began, shape (M,). [ns]"]
+    phase: Annotated[NDArray[np.uint8], "At that sample, shape (M,)."]
+    duration_ns: Annotated[Int, "Integrated time, shape (M,). [ns]"]
+    energy: Annotated[Float, "Shape (M, K). [J]"]
 
 
 class _Open(NamedTuple):
@@ -377,11 +365,7 @@ class ShaftEnergySums(ExactSum):
         self.compared_ns[:] = 0
 
     def joints(self, name: str) -> Float:
-        """Return a register by its name in ``SHAFT_REGISTERS``, (n,); NaN: not compared. [J]
-
-        Args:
-            name: Of the register; both parts are >= 0 and never fall.
-        """
+        """Return a register of ``SHAFT_REGISTERS``, shape (n,), >= 0; NaN: not compared. [J]"""
         start = SHAFT_REGISTERS.index(name) * self.n_joints
         joule = self.joule[start : start + self.n_joints]
         return np.where(self.compared_ns > 0, joule, np.nan)

@@ -67,19 +67,12 @@ class RecordPart(BaseModel):
 
 
 class LoadTotals(RecordPart):
-    """What was counted of one auxiliary load.
+    """What was counted of one auxiliary load."""
 
-    Attributes:
-        energy_microjoule: While its power is known. [uJ]
-        outlet_energy_microjoule: While the power of every load is known. [uJ]
-        known_ns: Time for which its power is known. [ns]
-        missing_ns: Time for which it is not. [ns]
-    """
-
-    energy_microjoule: Integer = 0
-    outlet_energy_microjoule: Integer = 0
-    known_ns: Integer = 0
-    missing_ns: Integer = 0
+    energy_microjoule: Annotated[Integer, "While its power is known. [uJ]"] = 0
+    outlet_energy_microjoule: Annotated[Integer, "While the power of every load is known. [uJ]"] = 0
+    known_ns: Annotated[Integer, "Time for which its power is known. [ns]"] = 0
+    missing_ns: Annotated[Integer, "Time for which it is not. [ns]"] = 0
     missing_count: Integer = 0
 
     def __sub__(self, earlier: LoadTotals) -> LoadTotals:
@@ -93,51 +86,39 @@ class LoadTotals(RecordPart):
 
 
 class LoadStateTotals(RecordPart):
-    """What was counted of one auxiliary load in one of its states.
+    """What was counted of one auxiliary load in one of its states."""
 
-    Attributes:
-        energy_microjoule: While the power of the load is known. [uJ]
-        remainder: What that holds beyond whole microjoules. [2^-40 uJ]
-        ns: That time. [ns]
-    """
-
-    energy_microjoule: Integer = 0
-    remainder: Remainder = 0
-    ns: Count = 0
+    energy_microjoule: Annotated[Integer, "While the power of the load is known. [uJ]"] = 0
+    remainder: Annotated[Remainder, "What that holds beyond whole microjoules. [2^-40 uJ]"] = 0
+    ns: Annotated[Count, "That time. [ns]"] = 0
 
 
 class Totals(RecordPart):
-    """All counters at an instant, or what they counted between two; exact integers.
+    """All counters at an instant, or what they counted between two; exact integers."""
 
-    Attributes:
-        cabinet_energy_microjoule: By the names of ``CABINET_KEYS``. [uJ]
-        joint_energy_microjoule: By the names of ``JOINT_KEYS``, joints in order. [uJ]
-        shaft_compared_ns: Time with a measured shaft power of each joint. [ns]
-        measured_energy_microjoule: By the meter, while compared. [uJ]
-        predicted_energy_at_meter_microjoule: Over the same time. [uJ]
-        compared_ns: That time. [ns]
-        observed_ns: Time integrated. [ns]
-        gap_ns: Time that could not be. [ns]
-        jumps: Jumps of the stamps, backward or forward by more than a gap can be.
-        outlet_cabinet_energy_microjoule: Of the cabinet, net, while the power of every auxiliary
-            load is known. [uJ]
-        outlet_ns: That time. [ns]
-        auxiliary: What was counted of each auxiliary load, by its name.
-    """
-
-    cabinet_energy_microjoule: dict[str, Integer]
-    joint_energy_microjoule: dict[str, tuple[Integer, ...]]
-    shaft_compared_ns: tuple[Integer, ...]
-    measured_energy_microjoule: Integer
-    predicted_energy_at_meter_microjoule: Integer
-    compared_ns: Integer
-    observed_ns: Integer
-    gap_ns: Integer
+    cabinet_energy_microjoule: Annotated[
+        dict[str, Integer], "By the names of ``CABINET_KEYS``. [uJ]"
+    ]
+    joint_energy_microjoule: Annotated[
+        dict[str, tuple[Integer, ...]], "By the names of ``JOINT_KEYS``, joints in order. [uJ]"
+    ]
+    shaft_compared_ns: Annotated[
+        tuple[Integer, ...], "Time with a measured shaft power of each joint. [ns]"
+    ]
+    measured_energy_microjoule: Annotated[Integer, "By the meter, while compared. [uJ]"]
+    predicted_energy_at_meter_microjoule: Annotated[Integer, "Over the same time. [uJ]"]
+    compared_ns: Annotated[Integer, "That time. [ns]"]
+    observed_ns: Annotated[Integer, "Time integrated. [ns]"]
+    gap_ns: Annotated[Integer, "Time that could not be. [ns]"]
     gap_count: Integer
-    jumps: Integer
-    outlet_cabinet_energy_microjoule: Integer = 0
-    outlet_ns: Integer = 0
-    auxiliary: dict[str, LoadTotals] = Field(default_factory=dict[str, LoadTotals])
+    jumps: Annotated[Integer, "Jumps of the stamps, backward or forward by more than a gap can be."]
+    outlet_cabinet_energy_microjoule: Annotated[
+        Integer, "Of the cabinet, net, while the power of every auxiliary load is known. [uJ]"
+    ] = 0
+    outlet_ns: Annotated[Integer, "That time. [ns]"] = 0
+    auxiliary: Annotated[
+        dict[str, LoadTotals], "What was counted of each auxiliary load, by its name."
+    ] = Field(default_factory=dict[str, LoadTotals])
 
     @property
     def outlet_energy_microjoule(self) -> int:

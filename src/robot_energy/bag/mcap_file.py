@@ -10,8 +10,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from robot_energy.bag import mcap_records as records
-from robot_energy.bag.mcap_block import McapChunk, walked_block
-from robot_energy.bag.mcap_records import FRAME, IN_SUMMARY, LogTimes, RecordError, read_closing
+from robot_energy.bag.mcap_records import (
+    FRAME,
+    IN_SUMMARY,
+    LogTimes,
+    McapChunk,
+    RecordError,
+    read_closing,
+    walked_block,
+)
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.first_bytes import MAX_MAGIC, named
 from robot_energy.foundation.files.regular_file import open_regular
@@ -312,12 +319,8 @@ class McapFile:
         except RecordError as error:
             self._report(f"the chunk at byte {pos} was left out: it holds {error}")
             return None
-        block = self._walk_chunk(memoryview(content), pos)
-        block.verified = chunk.crc != 0
-        return block
-
-    def _walk_chunk(self, content: memoryview, pos: int) -> McapChunk:
         block = walked_block(content, self._on_record)
+        block.verified = chunk.crc != 0
         if block.end < len(content):
             self._report(
                 f"the chunk at byte {pos} holds an unreadable record after {block.count} messages; "

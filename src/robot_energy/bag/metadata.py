@@ -9,7 +9,7 @@ import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from robot_energy.foundation.config_file import MAX_BYTES, parse_yaml
 from robot_energy.foundation.errors import BagError
@@ -27,9 +27,9 @@ def foreign_entries(folder: Path) -> list[str]:
     """Return what in a folder is not of one bag of this library: an MCAP file and metadata."""
     names = sorted(entry.name for entry in folder.iterdir())
     own = [name for name in names if name.endswith(".mcap") and _is_own(folder / name)]
-    if len(own) == 1 and _describes(folder / FILE_NAME, own[0]):
-        own.append(FILE_NAME)
-        return [name for name in names if name not in own]
+    text = _start(folder / FILE_NAME, _MAX_METADATA_BYTES)
+    if len(own) == 1 and text.startswith(_METADATA_START) and os.fsencode(own[0]) in text:
+        return [name for name in names if name not in (*own, FILE_NAME)]
     return names
 
 
@@ -46,11 +46,6 @@ def _text(data: bytes) -> tuple[bytes, bytes]:
     """A text behind its length, and what follows it."""
     end = 4 + int.from_bytes(data[:4], "little")
     return data[4:end], data[end:]
-
-
-def _describes(path: Path, name: str) -> bool:
-    text = _start(path, _MAX_METADATA_BYTES)
-    return text.startswith(_METADATA_START) and name.encode("utf-8", "surrogateescape") in text
 
 
 def _start(path: Path, size: int) -> bytes:
@@ -72,16 +67,13 @@ _FOREVER = "\n    sec: 9223372036\n    nsec: 854775807"
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service a topic was published with.
-
-    Attributes:
-        latched: Whether late subscribers get the last messages (transient local).
-        depth: Length of the publisher's queue. [messages]
-    """
+    """Quality of service a topic was published with."""
 
     reliable: bool = True
-    latched: bool = False
-    depth: int = 10
+    latched: Annotated[
+        bool, "Whether late subscribers get the last messages (transient local)."
+    ] = False
+    depth: Annotated[int, "Length of the publisher's queue. [messages]"] = 10
 
 
 DEFAULT_QOS = Qos()

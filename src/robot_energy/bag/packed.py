@@ -20,12 +20,10 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 if TYPE_CHECKING:
     import zstandard
 
-MAX_RATIO = 1000
-"""How many times larger a file may become; 40 joints at rest shrink to a 130th."""
+MAX_RATIO = 1000  # how many times larger a file may become; 40 joints at rest shrink to a 130th
 MAX_UNPACKED_BYTES = 16 * 2**30
 """Of one file: 30 hours of six joints at 500 Hz; recorders begin a new file long before."""
-MIN_FREE_BYTES = 2**30
-"""What is left free on the disk, or a tenth of a small one."""
+MIN_FREE_BYTES = 2**30  # what is left free on the disk, or a tenth of a small one
 _PIECE = 2**20
 
 Source = McapSource | SqliteSource

@@ -74,8 +74,7 @@ class TimeRange(Described):
 MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""
 
-MAX_PROBLEMS = 100
-"""Sentences about what is wrong that are kept."""
+MAX_PROBLEMS = 100  # sentences about what is wrong that are kept
 _COMPARED = 2**16
 _BY_HAND = "save the values as CSV, and import that with `robot-energy import table`"
 CONVERSIONS = {
@@ -171,16 +170,15 @@ class BagReader:
         Topics that lie one behind the other in the bag are brought together by their log times.
         Where the log times of a topic jump back and forth, it is the order in the file, and the
         problem is reported.
-
-        Args:
-            spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
         """
-        wanted = {name: self._readable(name).msgtype for name in dict.fromkeys(topics)}
-        return self._parts(wanted, spans or {})
-
-    def _parts(
-        self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
-    ) -> Iterator[dict[str, RawBatch]]:
+        wanted: dict[str, str] = {}
+        for name in topics:
+            if name not in self.topics:
+                raise MissingTopicError(
+                    f"{self.path} has no {name}", f"one of {', '.join(self.topics) or 'none'}"
+                )
+            wanted[name] = self.require(name, self.topics[name].msgtype).msgtype
+        spans = spans or {}
         if not self._scattered or len(wanted) < 2:
             return self._in_file_order(wanted, spans)
         if not all(rises(self._one(topic, kind, spans)) for topic, kind in wanted.items()):
@@ -202,14 +200,6 @@ class BagReader:
                 }
                 if within:
                     yield within
-
-    def _readable(self, topic: str) -> TopicInfo:
-        info = self.topics.get(topic)
-        if info is None:
-            raise MissingTopicError(
-                f"{self.path} has no {topic}", f"one of {', '.join(self.topics) or 'none'}"
-            )
-        return self.require(topic, info.msgtype)
 
     def _report(self, sentence: str) -> None:
         if len(self.problems) <= MAX_PROBLEMS and sentence not in self.problems:

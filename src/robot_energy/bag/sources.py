@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.mcap_block import McapChunk, Messages
 from robot_energy.bag.mcap_file import McapFile
-from robot_energy.bag.mcap_records import LogTimes
+from robot_energy.bag.mcap_records import LogTimes, McapChunk, Messages
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import valid_stamps
 
@@ -26,17 +25,11 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic of a bag.
+    """A topic of a bag."""
 
-    Attributes:
-        msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
-        message_count: Number of messages; None if the bag does not say.
-        encoding: How messages are serialized; only ``cdr`` can be read.
-    """
-
-    msgtype: str
-    message_count: int | None
-    encoding: str = "cdr"
+    msgtype: Annotated[str, "Message type, such as ``sensor_msgs/msg/JointState``."]
+    message_count: Annotated[int | None, "Number of messages; None if the bag does not say."]
+    encoding: Annotated[str, "How messages are serialized; only ``cdr`` can be read."] = "cdr"
 
 
 @dataclass(slots=True)
@@ -187,7 +180,9 @@ class McapSource:
         ends = times[:: max(len(times) - 1, 1)]
         if bool((times[1:] >= times[:-1]).all()) and bool(valid_stamps(ends).all()):
             return batch
-        logged = _as_logged(times)
+        valid = valid_stamps(times)  # else by that of the message before it in the file
+        row = np.maximum.accumulate(np.where(valid, np.arange(len(times)), -1))
+        logged = np.where(row < 0, 0, times[row])
         steps = np.diff(logged)
         if not (steps < 0).any():
             return batch
@@ -203,13 +198,6 @@ def broken_times(topic: str) -> str:
         f"the log times of {topic} jump back and forth, so they were not used to sort its "
         "messages; do not date anything by them"
     )
-
-
-def _as_logged(times: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Log times to sort by: where one is not a stamp, that of the message before it in the file."""
-    valid = valid_stamps(times)
-    row = np.maximum.accumulate(np.where(valid, np.arange(len(times)), -1))
-    return np.where(row < 0, 0, times[row])
 
 
 def _in_file_order(topic: str, msgtype: str, block: McapChunk, streams: list[Messages]) -> RawBatch:

@@ -24,10 +24,8 @@ from robot_energy.foundation.files.first_bytes import SQLITE
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
 
-MAX_VALUE_BYTES = 64 * 2**20
-"""Longest row that is looked at, whosever it is. [bytes]"""
-MAX_MESSAGE_BYTES = 16 * 2**20
-"""Longest message that is read. [bytes]"""
+MAX_VALUE_BYTES = 64 * 2**20  # longest row that is looked at, whosever it is [bytes]
+MAX_MESSAGE_BYTES = 16 * 2**20  # longest message that is read [bytes]
 MAX_TOPICS = 10_000
 _LIMITS = {
     sqlite3.SQLITE_LIMIT_LENGTH: MAX_VALUE_BYTES,

@@ -23,9 +23,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from robot_energy.certainty.figure_deviations import (
     known_together,
 )
 from robot_energy.certainty.priors import figure_std, relative_std
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.figure import tag_of
@@ -67,8 +68,7 @@ SLOT_NS, RECENT_SLOTS = 20_000_000, 25
 MAX_DEVIATION = 1e6  # no interval becomes too large for a register [W]
 Z90 = 1.6448536269514722
 """Half width of the middle 90 % of a normal distribution, over its standard deviation."""
-Z95 = 1.959964
-"""The same of the middle 95 %."""
+Z95 = 1.959964  # the same of the middle 95 %
 MEDIAN_TO_STD = 1.4826
 """Standard deviation of a normal variable over the median of its absolute deviation."""
 _FIRST = len(CABINET_DEVIATIONS)
@@ -268,17 +268,11 @@ class BandKind(IntEnum):
     """These, scaled so that 90 % of what the meter measured lay within."""
 
 
-@dataclass(frozen=True)
-class EnergyBand:
-    """How sure a predicted energy is.
+class EnergyBand(Described):
+    """How sure a predicted energy is."""
 
-    Attributes:
-        std: Standard deviation from the figures of the model. [J]
-        half: Half width of the 90 % band. [J]
-    """
-
-    std: float
-    half: float
+    std: Annotated[float, "Standard deviation from the figures of the model. [J]"]
+    half: Annotated[float, "Half width of the 90 % band. [J]"]
     kind: BandKind
 
 

@@ -134,7 +134,7 @@ def known_together(factor: Float, speed: Float, motor_torque: Float, viscous: Fl
     """Return the columns of what the covariance holds, shape (N, 1 + 4 n).
 
     Args:
-        factor: L, see `FigureDeviations.together`.
+        factor: L, see `FigureDeviations.together`, shape (1 + 4 n, 1 + 4 n). [-]
         speed: Without sign, 0 where the axis stands, shape (N, n). [rad/s]
         motor_torque: That heats the windings, shape (N, n). [N m]
         viscous: Deviation of the viscous friction of each joint for itself, times the square

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.condition.joint_friction import SPEED_BUCKETS
-from robot_energy.condition.record import ContrastEntry, filled, flat
+from robot_energy.condition.record import ContrastEntry, filled
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
@@ -81,11 +81,7 @@ class Contrasts:
         self._payload: float | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
-        """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]
-
-        Args:
-            records: Shape (N,).
-        """
+        """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]"""
         more = FEATURES + max(len(record.program) for record in records) - len(self.target)
         if more > 0:
             self.information = np.pad(self.information, ((0, more), (0, more)))
@@ -126,11 +122,8 @@ class Contrasts:
         with the length, a payload does not until it changes, so pairs of several lengths
         separate the two: least squares over the lengths, errors in proportion to what is expected.
         """
-        if self._payload is None:
-            self._payload = self._fitted_payload()
-        return self._payload
-
-    def _fitted_payload(self) -> float:
+        if self._payload is not None:
+            return self._payload
         found = np.array([1.0, PAYLOAD**2])
         weight, square, own, share = self.levels.T
         rows = np.stack([own, share])
@@ -141,7 +134,8 @@ class Contrasts:
             inner = (rows * gain) @ rows.T + np.diag(prior)
             outer = (rows * gain) @ square + prior * [1.0, PAYLOAD**2]
             found = _not_negative(inner, outer)
-        return max(float(found[1]), MIN_PAYLOAD**2 if self.programs else 0.0)
+        self._payload = max(float(found[1]), MIN_PAYLOAD**2 if self.programs else 0.0)
+        return self._payload
 
     def _learn_payload(
         self, before: WearRecord, after: WearRecord, apart: Float, share: float
@@ -179,16 +173,6 @@ class Contrasts:
         if self._baseline is None:
             self._baseline = self._solved()
         return self._baseline
-
-    def state(self) -> ContrastEntry:
-        """Return what must be kept across a restart."""
-        return ContrastEntry(
-            information=flat(self.information),
-            target=flat(self.target),
-            square=self.square,
-            count=self.count,
-            levels=flat(self.levels),
-        )
 
     @classmethod
     def restored(cls, entry: ContrastEntry) -> Contrasts:

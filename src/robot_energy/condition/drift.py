@@ -130,11 +130,7 @@ class Drift(Described):
 
 
 class DriftTest:
-    """Tests the records of one joint, or of the whole robot.
-
-    Attributes:
-        refused: Records that were not numbers.
-    """
+    """Tests the records of one joint, or of the whole robot."""
 
     def __init__(self, subject: Subject = JOINT) -> None:
         self._subject = subject
@@ -143,7 +139,7 @@ class DriftTest:
         self.contrasts = Contrasts()
         self.programs = ProgramTable()
         self.drift = Drift()
-        self.refused = 0
+        self.refused = 0  # records that were not numbers
 
     def step(self, record: WearRecord) -> bool:
         """Return whether a change is found with one more record."""

@@ -21,7 +21,6 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.condition.record import FrictionRecord, filled, flat
 from robot_energy.foundation.described import Described
 from robot_energy.physics.drivetrain import ABOVE_STANDSTILL
 from robot_energy.timeline.blocks import (
@@ -234,21 +233,6 @@ class FrictionLearner:
         for sums, memory in ((self.sums, MEMORY), (self.newest, RAW_MEMORY)):
             sums *= np.minimum(1.0, memory / np.maximum(sums[2], memory))
         return used
-
-    def state(self) -> FrictionRecord:
-        """Return what must be kept across a restart."""
-        return FrictionRecord(
-            sums=flat(self.sums),
-            newest=flat(self.newest),
-            parts=tuple(self.parts.tolist()),
-            refused=tuple(self.refused.tolist()),
-        )
-
-    def restore(self, record: FrictionRecord) -> None:
-        """Continue from a record."""
-        self.sums, self.newest = filled(record.sums, self.sums), filled(record.newest, self.newest)
-        self.parts = filled(record.parts, self.parts)
-        self.refused = filled(record.refused, self.refused)
 
     @property
     def raw(self) -> Float:

@@ -47,18 +47,14 @@ STUCK = np.uint32(Quality.TEMPERATURE_STUCK)  # what warms unseen would be taken
 
 
 class ConditionRecord(ConditionPart):
-    """What was learned of one robot with one model file.
-
-    Attributes:
-        wear: Records of friction, and the changes found in them.
-    """
+    """What was learned of one robot with one model file."""
 
     model_id: str
     joint_names: tuple[str, ...]
     end_ns: Stamp | None
     friction: FrictionRecord
     meter: MeterRecord
-    wear: WearState
+    wear: Annotated[WearState, "Records of friction, and the changes found in them."]
 
 
 class _InUse(Described):
@@ -212,8 +208,8 @@ class ConditionLearner:
             model_id=self._model.model_id,
             joint_names=tuple(self._model.joint_names),
             end_ns=self.end_ns,
-            friction=self.friction.state(),
-            meter=self.meter.state(),
+            friction=FrictionRecord.of(self.friction),
+            meter=MeterRecord.of(self.meter),
             wear=self.wear.state(),
         )
 
@@ -224,8 +220,8 @@ class ConditionLearner:
             raise StateFileError(
                 f"learned figures of model {record.model_id}", f"model {model.model_id}"
             )
-        self.friction.restore(record.friction)
-        self.meter.restore(record.meter)
+        record.friction.put_into(self.friction)
+        record.meter.put_into(self.meter)
         self.wear.restore(record.wear)
         self.end_ns = record.end_ns
         self._taught = (self.friction.table(), self.friction.valid)

@@ -12,13 +12,12 @@ from that, and the meter says the offset alone.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from robot_energy.accounting.power_curve import MeterCurve
 from robot_energy.condition.joint_friction import BOUNDS, GRID
-from robot_energy.condition.record import MeterRecord, filled, flat
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterLocation
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 
@@ -87,26 +86,6 @@ class MeterFit:
         self.time += duration
         self.windows += 1
 
-    def state(self) -> MeterRecord:
-        """Return what must be kept across a restart."""
-        return MeterRecord(
-            information=flat(self.information),
-            target=flat(self.target),
-            power_watt=self.power,
-            scale=self.scale,
-            time_second=self.time,
-            windows=self.windows,
-            refused=self.refused,
-        )
-
-    def restore(self, record: MeterRecord) -> None:
-        """Continue from a record."""
-        self.information = filled(record.information, self.information)
-        self.target = filled(record.target, self.target)
-        self.power, self.scale = record.power_watt, record.scale
-        self.time = record.time_second
-        self.windows, self.refused = record.windows, record.refused
-
     def _solution(self) -> Float:
         return np.linalg.solve(self.information + self._prior(), self.target)
 
@@ -157,18 +136,12 @@ KEPT_NS = 120_000_000_000  # of predicted energies, behind the newest sample
 
 
 class Window(NamedTuple):
-    """Energies over one window.
-
-    Attributes:
-        duration: Of its pieces. [s]
-        measured: By the meter. [J]
-        energies: Predicted ones, in the order they were given, shape (E,). [J]
-    """
+    """Energies over one window."""
 
     stamp_ns: int
-    duration: float
-    measured: float
-    energies: Float
+    duration: Annotated[float, "Of its pieces. [s]"]
+    measured: Annotated[float, "By the meter. [J]"]
+    energies: Annotated[Float, "Predicted ones, in the order they were given, shape (E,). [J]"]
 
 
 class MeterWindows:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self, cast
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -25,11 +25,27 @@ STRICT = ConfigDict(extra="forbid", strict=True, revalidate_instances="always") 
 class ConditionPart(BaseModel):
     """Base of the records: frozen, strict, no unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, defer_build=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, defer_build=True, validate_by_name=True
+    )
+
+    @classmethod
+    def of(cls, source: object) -> Self:
+        """Return what the attributes of an object hold, arrays flattened in their own order."""
+        values: dict[str, Any] = {name: getattr(source, name) for name in cls.model_fields}
+        arrays = {n: flat(cast("Float", v)) for n, v in values.items() if isinstance(v, np.ndarray)}
+        return cls(**values | arrays)
+
+    def put_into(self, target: object) -> None:
+        """Set the attributes of an object, arrays in the shapes that they have there."""
+        for name in type(self).model_fields:
+            value, old = getattr(self, name), getattr(target, name)
+            array = isinstance(old, np.ndarray)
+            setattr(target, name, filled(value, cast("Float", old)) if array else value)
 
     def to_json(self) -> bytes:
         """Return the record as JSON text."""
-        return self.model_dump_json().encode()
+        return self.model_dump_json(by_alias=True).encode()
 
     @classmethod
     def from_json(cls, content: bytes) -> Self:
@@ -46,7 +62,7 @@ class ConditionPart(BaseModel):
 
 
 class FrictionRecord(ConditionPart):
-    """What `FrictionLearner` has summed up, arrays flattened in their own order."""
+    """What `FrictionLearner` has summed up."""
 
     sums: Numbers
     newest: Numbers
@@ -55,13 +71,13 @@ class FrictionRecord(ConditionPart):
 
 
 class MeterRecord(ConditionPart):
-    """What `MeterFit` has summed up, arrays flattened."""
+    """What `MeterFit` has summed up."""
 
     information: Numbers
     target: Numbers
-    power_watt: Number
+    power: Annotated[Number, Field(alias="power_watt")]
     scale: Number
-    time_second: Number
+    time: Annotated[Number, Field(alias="time_second")]
     windows: Count
     refused: Count
 
@@ -99,17 +115,16 @@ def filled(values: Numbers | tuple[int, ...], like: np.ndarray) -> np.ndarray:
 
 
 class ThermalRecord(ConditionPart):
-    """Estimated motor temperatures of one robot with one model file.
-
-    Attributes:
-        end_ns: End of the newest window that was taken. [ns]
-        state: Of every motor, flattened: motor, structure and ambient [degC], factor on the heat,
-            gear [degC].
-        begun: Of every motor, whether the temperature of its gear is known.
-    """
+    """Estimated motor temperatures of one robot with one model file."""
 
     model_id: str
-    end_ns: Stamp
-    state: Numbers
+    end_ns: Annotated[Stamp, "End of the newest window that was taken. [ns]"]
+    state: Annotated[
+        Numbers,
+        "Of every motor, flattened: motor, structure and ambient [degC], factor on the heat, "
+        "gear [degC].",
+    ]
     covariance: Numbers
-    begun: tuple[bool, ...]
+    begun: Annotated[
+        tuple[bool, ...], "Of every motor, whether the temperature of its gear is known."
+    ]

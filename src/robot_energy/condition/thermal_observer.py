@@ -90,7 +90,7 @@ class ThermalObserver:
         self.degc = np.full(n_joints, np.nan)
         self.std = np.full(n_joints, np.nan)
         self.friction_degc, self.friction_std = self.degc.copy(), self.std.copy()
-        self.gears = np.zeros(n_joints, dtype=np.bool_)
+        self.gears, self._follows = np.zeros((2, n_joints), dtype=np.bool_)
         self.stuck = np.zeros(n_joints, dtype=np.bool_)
         self.end_ns: int | None = None
         if not self.on:
@@ -167,14 +167,14 @@ class ThermalObserver:
                 _put((degc, viscous, std, shared), of_motors, estimated)
         if not self.geared.any():
             return degc, degc
-        if not self.gears.all():  # the motor is known, not how warm its gear is
+        if not self._follows.all():  # the motor is known, not how warm its gear is
             unknown = self._unknown_share * viscous
-            unknown[:, self.gears] = 0.0
+            unknown[:, self._follows] = 0.0
             unknown[np.isnan(degc)] = 0.0
             for values in (std, shared):
                 np.hypot(values, unknown, out=values)
         friction_degc = degc.copy()
-        _put((friction_degc, viscous, std, shared), self._followed, self.gears)
+        _put((friction_degc, viscous, std, shared), self._followed, self._follows)
         if self._extrapolated:
             quality |= np.uint32(Quality.EXTRAPOLATED)
         return degc, friction_degc
@@ -251,8 +251,9 @@ class ThermalObserver:
     def _correct_by_friction(self, elapsed: Float, unread: NDArray[np.bool_]) -> None:
         """Correct gears, and motors without a gear and without a reading, by measured torque."""
         state = self._filter
-        place = np.where(state.gears, GEAR, MOTOR)
-        used = state.gears | (unread & state.networks & ~state.has_gear)
+        gears = state.gears | (state.others & ~unread)
+        place = np.where(gears, GEAR, MOTOR)
+        used = gears | (unread & state.networks & ~state.has_gear)
         state.correct(place, *self._by_friction(elapsed, used, place))
 
     def _correct_by_meter(self, torque: bool) -> None:
@@ -279,7 +280,7 @@ class ThermalObserver:
         for window in self._windows.step(stamp[rows], segment[rows], columns, until):
             if torque or not state.begun.any():
                 continue
-            slope = self._slope()[self._own] * state.gears
+            slope = self._slope()[self._own] * state.begun
             slope *= window.energies[len(PLACES) :]
             column = state.covariance[:, :, GEAR]
             place = PLACES.index(self._windows.location)
@@ -296,8 +297,7 @@ class ThermalObserver:
 
     def _slope(self) -> Float:
         """Slope of fv at the temperature of the friction, shape (n,). [N m s/(rad K)]"""
-        state = self._filter
-        degc = self._whole(np.where(state.has_gear, state.x[:, GEAR], state.x[:, MOTOR]))
+        degc = self._whole(self._filter.friction_degc)
         return 0.5 * (self._friction.viscous(degc + 1.0) - self._friction.viscous(degc - 1.0))
 
     def _columns(self, name: str) -> Float:
@@ -320,7 +320,7 @@ class ThermalObserver:
         """
         own, measured = self._own, self._columns("motor_torque_measured")
         state, rows = self._filter, np.arange(len(place))
-        now, variance = state.x[rows, place], state.covariance[rows, place, place]
+        now, variance = state.friction_degc, state.covariance[rows, place, place]
         speed = self._turning()
         rest = measured - self._columns("motor_torque") + self._columns("viscous") * speed
         quality = np.concatenate([block.quality for block in self._open])
@@ -337,9 +337,9 @@ class ThermalObserver:
         squares, slope = np.where(says, squares, 1.0), np.where(says, slope, -1.0)
         off = (work / squares - value) / slope
         error = np.hypot(law, COULOMB_SHARE * coulomb / squares) / slope
-        alone = error**2 + np.where(place == GEAR, 0.0, LAG_STD**2)
+        alone = error**2 + np.where(state.has_gear, 0.0, LAG_STD**2)
         odd = off**2 > MAX_ODDITY**2 * (variance + alone)
-        return now + off, np.where(says & ~odd, alone * FRICTION_WINDOWS, np.inf)
+        return state.x[rows, place] + off, np.where(says & ~odd, alone * FRICTION_WINDOWS, np.inf)
 
     def _spread(self, degc: Float, std: Float) -> Float:
         """Deviation of fv by that of the temperature, shape (n,). [N m s/rad]"""
@@ -360,10 +360,12 @@ class ThermalObserver:
         self.degc[self._networks] = state.x[state.networks, MOTOR]
         self.std[self._networks] = std[state.networks]
         self.gears[self._own] = state.gears
-        left = np.hypot(state.std(GEAR), state.gear.std)
-        friction_degc = np.where(state.gears, state.x[:, GEAR], state.x[:, MOTOR])
+        follows = state.gears | (state.others & (state.x[:, GEAR] != 0.0))
+        self._follows[self._own] = follows
+        left = np.hypot(state.std(GEAR), np.where(state.has_gear, state.gear.std, std))
+        friction_degc = np.where(follows, state.friction_degc, state.x[:, MOTOR])
         self.friction_degc[self._own] = friction_degc
-        self.friction_std[self._own] = np.where(state.gears, left, std)
+        self.friction_std[self._own] = np.where(follows, left, std)
         degc = self._whole(friction_degc)
         spread, unknown = np.zeros((2, len(self._own)))
         spread[self._own] = self.friction_std[self._own]
@@ -372,7 +374,7 @@ class ThermalObserver:
         viscous_spread = self._spread(degc, spread)
         whole = np.where(viscous > 0.0, viscous, 1.0)
         self._unknown_share = self._spread(degc, unknown) / whole
-        self._extrapolated = bool((self._friction.extrapolated(degc) & self.gears).any())
+        self._extrapolated = bool((self._friction.extrapolated(degc) & self._follows).any())
         total, shared = self._certainty.std(self.friction_degc)
         self._followed = (
             self.friction_degc.copy(), viscous,

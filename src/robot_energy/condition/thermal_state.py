@@ -4,7 +4,7 @@ The state is the temperature of motor, structure and ambient, the factor on the 
 and the temperature of the gear. Recordings may show the gears of some joints and not those of
 others, whose friction then follows the motor. There the last state is how much warmer the gear was
 than its motor when the motor was first read. What recordings do not show is not identified: that
-difference is 0 with a deviation, and fades as slowly as the slowest gear that is known.
+difference begins as 0 with a deviation, and fades as slowly as the slowest gear that is known.
 """
 
 from __future__ import annotations
@@ -104,6 +104,12 @@ class ThermalState:
     def gears(self) -> NDArray[np.bool_]:
         """Whose friction follows the temperature of the gear, shape (count,)."""
         return self.has_gear & self.begun
+
+    @property
+    def friction_degc(self) -> Float:
+        """What the friction of each joint follows: its gear, else its motor, (count,). [degC]"""
+        off = np.where(self._without, self.x[:, GEAR], 0.0)
+        return np.where(self.has_gear, self.x[:, GEAR], self.x[:, MOTOR] + off)
 
     @property
     def others(self) -> NDArray[np.bool_]:

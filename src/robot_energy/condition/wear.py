@@ -88,17 +88,13 @@ class WearState(ConditionPart):
 
 
 class WearMonitor:
-    """Watches the friction of every joint, or of the whole robot, for lasting changes.
-
-    Attributes:
-        joints: Test of each joint, from measured torque.
-    """
+    """Watches the friction of every joint, or of the whole robot, for lasting changes."""
 
     def __init__(self, joint_names: Sequence[str]) -> None:
         self._names = tuple(joint_names)
         self._gatherer = MotionGatherer(len(self._names))
         self._meter = MeterGatherer()
-        self.joints = [DriftTest() for _ in self._names]
+        self.joints = [DriftTest() for _ in self._names]  # test of each joint, from measured torque
         self.robot = DriftTest(ROBOT)
 
     def step(self, part: MotionSums) -> None:
@@ -152,7 +148,7 @@ class WearMonitor:
                 DriftRecord(
                     records=tuple(test.records),
                     changes=tuple(test.changes),
-                    contrasts=test.contrasts.state(),
+                    contrasts=ContrastEntry.of(test.contrasts),
                     programs=tuple(test.programs.known),
                 )
                 for test in (*self.joints, self.robot)

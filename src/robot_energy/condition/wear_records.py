@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import starmap, zip_longest
 from math import log
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -46,29 +46,27 @@ DIGITS = 6  # kept of each figure, so that a record is the same after a restart
 
 
 class WearRecord(NamedTuple):
-    """Minutes of motion of one joint, or of the whole robot.
-
-    Attributes:
-        hours: Hours of motion up to the middle. [h]
-        time: Motion. [s]
-        excess: Logarithm of measured over model friction. [-]
-        variance: Of the excess by scatter alone. [-]
-        features: Shares of the friction torque in each bucket of temperature, in each bucket of
-            speed, these times warmth, nuisances, these times warmth, shape (FEATURES,).
-        work: Time of every joint in each bucket of speed over `time`; it belongs to the program,
-            whatever the robot carries and however warm it is. Empty once the program is known.
-        program: What the coefficients of each program are multiplied by; those that are missing
-            are zero.
-    """
+    """Minutes of motion of one joint, or of the whole robot."""
 
     stamp_ns: Stamp
-    hours: Number
-    time: Number
-    excess: Number
-    variance: Number
-    features: Numbers
-    work: Numbers = ()
-    program: Numbers = ()
+    hours: Annotated[Number, "Hours of motion up to the middle. [h]"]
+    time: Annotated[Number, "Motion. [s]"]
+    excess: Annotated[Number, "Logarithm of measured over model friction. [-]"]
+    variance: Annotated[Number, "Of the excess by scatter alone. [-]"]
+    features: Annotated[
+        Numbers,
+        "Shares of the friction torque in each bucket of temperature, in each bucket of speed, "
+        "these times warmth, nuisances, these times warmth, shape (FEATURES,).",
+    ]
+    work: Annotated[
+        Numbers,
+        "Time of every joint in each bucket of speed over `time`; it belongs to the program, "
+        "whatever the robot carries and however warm it is. Empty once the program is known.",
+    ] = ()
+    program: Annotated[
+        Numbers,
+        "What the coefficients of each program are multiplied by; those that are missing are zero.",
+    ] = ()
 
     def merged(self, later: WearRecord) -> WearRecord:
         """Return this and a later record as one; all its figures are means over time."""
@@ -255,13 +253,10 @@ class MeterGatherer:
     Over a record the residual is a line in friction power: its slope is how far friction lies
     above the model's, whatever the constant losses do meanwhile. Windows are gathered until it is
     known well enough.
-
-    Attributes:
-        hours: Time of all windows so far. [h]
     """
 
     def __init__(self) -> None:
-        self.hours = 0.0
+        self.hours = 0.0  # time of all windows so far [h]
         self._rows: list[tuple[float, float, float, float, int]] = []
 
     def step(
@@ -327,19 +322,15 @@ MAX_PROGRAMS = 20  # with coefficients of their own; the one not seen for longes
 
 @dataclass
 class KnownProgram:
-    """A program that was seen.
-
-    Attributes:
-        work: That of its first record. [-]
-        loads: Load, difference and scatter of its first record; its level is at these. [-]
-        hours: Hours of motion when it was last seen. [h]
-    """
+    """A program that was seen."""
 
     __pydantic_config__ = STRICT  # it is kept as it is
 
-    work: Numbers
-    loads: Numbers
-    hours: Number
+    work: Annotated[Numbers, "That of its first record. [-]"]
+    loads: Annotated[
+        Numbers, "Load, difference and scatter of its first record; its level is at these. [-]"
+    ]
+    hours: Annotated[Number, "Hours of motion when it was last seen. [h]"]
 
 
 class ProgramTable:
@@ -350,13 +341,10 @@ class ProgramTable:
     directions. Each program but the first therefore has coefficients of its own in the baseline:
     a level, and slopes of load, difference of the directions and scatter. A program is recognised
     by how long every joint moves at each speed, which neither load nor temperature changes.
-
-    Args:
-        known: Seen before, in the order of their coefficients; the first has none.
     """
 
     def __init__(self, known: Sequence[KnownProgram] = ()) -> None:
-        self.known = list(known)
+        self.known = list(known)  # in the order of their coefficients; the first has none
         self._new: tuple[float, ...] = ()
 
     def step(self, record: WearRecord) -> tuple[WearRecord | None, int | None]:

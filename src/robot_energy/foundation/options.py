@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from difflib import get_close_matches
 from numbers import Real
-from typing import Literal, TypeVar, cast
+from typing import Annotated, Literal, TypeVar, cast
 
 from robot_energy.foundation.errors import OptionError, ParameterError
 from robot_energy.foundation.kinds import LIKELY
@@ -26,31 +26,24 @@ FLAG = re.compile(r"--([a-z-]+)")
 
 @dataclass(frozen=True)
 class Option:
-    """What one option is.
+    """What one option is."""
 
-    Attributes:
-        text: What it does, in words that fit the command as well as the documentation.
-        unit: Of a number; ``1`` for a whole one.
-        absent: What holds where it is not given and no `default` says so; empty if the text does.
-        value: What stands for any other value in the help; empty for a switch.
-        low: Least number allowed. [its unit]
-        high: Greatest number allowed. [its unit]
-        choices: The values allowed; empty for any.
-        default: Value where none is given.
-        several: How a command takes several values.
-        group: Title in the help.
-    """
-
-    text: str
-    unit: str = ""
-    absent: str = ""
-    value: str = ""
-    low: float = -MAX_NUMBER
-    high: float = MAX_NUMBER
-    choices: tuple[object, ...] = ()
-    default: object = None
-    several: Literal["", "in a row", "repeated"] = ""
-    group: str = ""
+    text: Annotated[
+        str, "What it does, in words that fit the command as well as the documentation."
+    ]
+    unit: Annotated[str, "Of a number; ``1`` for a whole one."] = ""
+    absent: Annotated[
+        str, "What holds where it is not given and no `default` says so; empty if the text does."
+    ] = ""
+    value: Annotated[str, "What stands for any other value in the help; empty for a switch."] = ""
+    low: Annotated[float, "Least number allowed. [its unit]"] = -MAX_NUMBER
+    high: Annotated[float, "Greatest number allowed. [its unit]"] = MAX_NUMBER
+    choices: Annotated[tuple[object, ...], "The values allowed; empty for any."] = ()
+    default: Annotated[object, "Value where none is given."] = None
+    several: Annotated[
+        Literal["", "in a row", "repeated"], "How a command takes several values."
+    ] = ""
+    group: Annotated[str, "Title in the help."] = ""
 
     @property
     def expected(self) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.meter.source import MeterSource, stamps_by_type
 from robot_energy.inputs.parameters import named_groups, parameter
 from robot_energy.model.auxiliary import AuxiliaryLoad
@@ -48,19 +50,12 @@ class StateSource:
         )
 
 
-@dataclass(frozen=True)
-class LoadTopics:
-    """Where meter and states of one load come from.
+class LoadTopics(Described):
+    """Where meter and states of one load come from."""
 
-    Attributes:
-        meter: Its meter; None if there is none.
-        state: The numbers of its states; None if there are none.
-        stale_after: Of the states, see `StateSource`. [s]
-    """
-
-    meter: MeterSource | None
-    state: MeterSource | None
-    stale_after: float = 0.0
+    meter: Annotated[MeterSource | None, "Its meter; None if there is none."]
+    state: Annotated[MeterSource | None, "The numbers of its states; None if there are none."]
+    stale_after: Annotated[float, "Of the states, see `StateSource`. [s]"] = 0.0
 
     @property
     def topics(self) -> tuple[str, ...]:

@@ -9,9 +9,10 @@ import math
 import re
 from array import array
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar, cast, get_type_hints
+from dataclasses import MISSING, field, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, cast, get_type_hints
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.options import options_of
 from robot_energy.inputs.options import InputOptions
@@ -34,23 +35,17 @@ MESSAGES, POSITIONS = "messages", "positions"  # sources of velocities
 GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter: its full name and what its field says about it.
+class Parameter(Described):
+    """One parameter: its full name and what its field says about it."""
 
-    Attributes:
-        name: Full name, such as ``motors.topic``.
-        default: Value where none is given; ``dataclasses.MISSING`` if it is required.
-        bounds: Least and greatest value allowed; None for any.
-        choices: The texts allowed; empty for any.
-    """
-
-    name: str
+    name: Annotated[str, "Full name, such as ``motors.topic``."]
     kind: Any
-    default: Any
+    default: Annotated[Any, "Value where none is given; ``dataclasses.MISSING`` if it is required."]
     description: str = ""
-    bounds: tuple[float, float] | None = None
-    choices: tuple[str, ...] = ()
+    bounds: Annotated[
+        tuple[float, float] | None, "Least and greatest value allowed; None for any."
+    ] = None
+    choices: Annotated[tuple[str, ...], "The texts allowed; empty for any."] = ()
 
     @property
     def expected(self) -> str:

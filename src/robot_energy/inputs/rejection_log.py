@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +49,14 @@ class ByNames(dict[tuple[str, ...], Value], Generic[Value]):
 
 @dataclass
 class RejectionLog:
-    """Counts of one input.
-
-    Attributes:
-        rejected: Messages that were not, by reason.
-        waiting: Messages of which it is not known yet.
-    """
+    """Counts of one input."""
 
     received: int = 0
     accepted: int = 0
-    rejected: Counter[str] = field(default_factory=lambda: Counter[str]())
-    waiting: int = 0
+    rejected: Annotated[Counter[str], "Messages that were not, by reason."] = field(
+        default_factory=lambda: Counter[str]()
+    )
+    waiting: Annotated[int, "Messages of which it is not known yet."] = 0
 
     def reject(self, reason: str, count: int = 1) -> None:
         """Count rejected messages."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,22 +43,18 @@ FIELDS = (
 FIELDS_OF_0_1 = ("link", "mass", "centre_of_mass", "inertia")
 """Fields of the message in release 0.1; its inertia has the order of `INERTIA`."""
 
-SetPayload = Callable[[Payload, int | None], "PayloadChange"]
-"""`TorqueStage.set_payload`."""
+SetPayload = Callable[[Payload, int | None], "PayloadChange"]  # `TorqueStage.set_payload`
 
 
 @dataclass(frozen=True)
 class SetPayloadAnswer:
-    """What to answer, and what to publish.
-
-    Attributes:
-        message: What was accepted, or why not.
-        change: The change; None if it was refused, and the old payload stays.
-    """
+    """What to answer, and what to publish."""
 
     success: bool
-    message: str
-    change: PayloadChange | None = None
+    message: Annotated[str, "What was accepted, or why not."]
+    change: Annotated[
+        PayloadChange | None, "The change; None if it was refused, and the old payload stays."
+    ] = None
 
     @property
     def from_ns(self) -> int:
@@ -122,15 +118,12 @@ class PayloadReader:
     The payload is a fact about the robot, not a figure of a model: messages that were
     written with another model file count as well. Messages of release 0.1 are read where the
     source has their definition.
-
-    Attributes:
-        refused: Why the last refused message was, one sentence; empty if none was.
     """
 
     def __init__(self, set_payload: SetPayload, typestore: Typestore | None = None) -> None:
         self.rejections = RejectionLog()
         self.changes: list[PayloadChange] = []
-        self.refused = ""
+        self.refused = ""  # why the last refused message was, one sentence; empty if none was
         self._set_payload = set_payload
         store = typestore or default_typestore()
         names = {name for name, _ in store.fielddefs[PAYLOAD][1]}

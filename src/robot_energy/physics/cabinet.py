@@ -14,7 +14,8 @@ A fan that the warmest motor switches is a part of ``P_l,grid``: ``p P_fan``, wi
 ``p`` that it runs. At a warmest motor of T this is ``max(min(p, P(T > T_off)), P(T > T_on))``, with
 ``T_off = T_on - hysteresis``; on the right is the previous ``p``. Start and stop are uniform within
 their deviations. Above all possible starts ``p`` is 1. Below all possible stops it is 0. Between
-stop and start ``p`` does not change.
+stop and start ``p`` does not change. At the first temperature it is
+``1/2 (P(T > T_off) + P(T > T_on))``, as half of the fans between stop and start run.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from robot_energy.model.schema import Cabinet
 from robot_energy.physics.equations import Balance, grid_balance
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
-UNSEEN = 0.5  # probability that a fan runs before a temperature has shown it
+UNSEEN = 0.5  # probability that a fan runs before any temperature is known
 HALF_WIDTH = 3.0**0.5  # of a uniform distribution, over its standard deviation
 
 
@@ -44,7 +45,7 @@ class FanStage:
             less = fan.hysteresis
             self._off = self._on - (0.0 if less is None else less.value)
             self._widths = width, width if less is None else hypot(width, less.std or 0.0)
-        self._runs = UNSEEN
+        self._runs: float | None = None  # before any temperature
 
     def step(self, motor_temperature_degc: Float) -> Float | float:
         """Return the power that is to be expected, shape (N,); 0 without a fan. [W]
@@ -61,8 +62,9 @@ class FanStage:
             if isfinite(degc):
                 least = _warmer(degc, self._on, self._widths[0])
                 most = _warmer(degc, self._off, self._widths[1])
-                self._runs = max(min(self._runs, most), least)
-            runs[place] = self._runs
+                before = 0.5 * (least + most) if self._runs is None else self._runs
+                self._runs = max(min(before, most), least)
+            runs[place] = UNSEEN if self._runs is None else self._runs
         return self._power * np.repeat(runs, np.diff(np.append(begins, len(warmest))))
 
 

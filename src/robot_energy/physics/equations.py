@@ -8,13 +8,13 @@ stages of the pipeline compute with these functions.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ShapeError
 from robot_energy.timeline.blocks import Float
 
@@ -27,23 +27,16 @@ CACHED = 30_000  # numbers worked on at a time, so few that they stay in the cac
 _float: Callable[[ArrayLike], Float] = partial(np.asarray, dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Balance:
-    """Power flows at the cabinet, shape (N,) each. [W]
+class Balance(Described):
+    """Power flows at the cabinet, shape (N,) each. [W]"""
 
-    Attributes:
-        loss_dc: Constant loss on the DC side.
-        loss_grid: Constant loss on the grid side plus the loss of a regenerative supply.
-        brake_power: Into the brake resistor, >= 0.
-        capacitor_power: Into the capacitor, signed.
-        grid_power: From the grid; negative while a regenerative supply feeds back.
-    """
-
-    loss_dc: Float
-    loss_grid: Float
-    brake_power: Float
-    capacitor_power: Float
-    grid_power: Float
+    loss_dc: Annotated[Float, "Constant loss on the DC side."]
+    loss_grid: Annotated[
+        Float, "Constant loss on the grid side plus the loss of a regenerative supply."
+    ]
+    brake_power: Annotated[Float, "Into the brake resistor, >= 0."]
+    capacitor_power: Annotated[Float, "Into the capacitor, signed."]
+    grid_power: Annotated[Float, "From the grid; negative while a regenerative supply feeds back."]
 
 
 def mapped(matrix: Float, values: Float) -> Float:

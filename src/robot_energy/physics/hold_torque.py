@@ -22,8 +22,7 @@ UNKNOWN = 0.58
 """Standard deviation of the torque at rest over the Coulomb torque where no recording showed it:
 anywhere between plus and minus the Coulomb torque, ``1 / sqrt(3)``. [-]"""
 
-MOVING = 5.0
-"""Speed over that of standstill from which on the direction of a motion is sure. [-]"""
+MOVING = 5.0  # speed over that of standstill from which on the direction of a motion is sure [-]
 
 REVERSED = 0.2
 """Time in which the slowest such motion goes so far that friction follows its direction. [s]"""
@@ -31,15 +30,11 @@ REVERSED = 0.2
 PARTS = 2.0**26
 """Parts of that angle, whole numbers of which are summed: exact, however a motion is cut."""
 
-LONGEST_STEP = 0.1
-"""Time between samples for which a motion goes on at most. [s]"""
+LONGEST_STEP = 0.1  # time between samples for which a motion goes on at most [s]
 
 
 class HoldTorque:
     """Torque of the motors of one robot at rest.
-
-    Args:
-        effort: What the measured torque was made of; NONE if that is not known.
 
     Attributes:
         measurable: Motors whose measured torque is used: not a current times a torque constant

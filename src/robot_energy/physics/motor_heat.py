@@ -11,10 +11,11 @@ D. Roberts, D. Turner, IEE Proc. B 138 (1991) 205.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.model.joint import JointGear, JointThermal
 from robot_energy.timeline.blocks import Float
 
@@ -22,27 +23,16 @@ AT_ONCE = 1.0  # s, in which the structure follows the ambient where there is no
 HELD = 1e12  # s, in which a motor cools whose temperature is held
 
 
-@dataclass(frozen=True)
-class MotorHeat:
-    """Rates of the networks of some motors; shape (n,) each.
+class MotorHeat(Described):
+    """Rates of the networks of some motors; shape (n,) each."""
 
-    Attributes:
-        inner: G_m / C_m. [1/s]
-        back: G_m / C_s; 0 without structure. [1/s]
-        outer: G_s / C_s. [1/s]
-        motor: 1 / C_m. [K/J]
-        structure: 1 / C_s; 0 without structure. [K/J]
-        share: Of the friction power that heats the motor. [-]
-        idle: Heat of the motor beyond its losses. [W]
-    """
-
-    inner: Float
-    back: Float
-    outer: Float
-    motor: Float
-    structure: Float
-    share: Float
-    idle: Float
+    inner: Annotated[Float, "G_m / C_m. [1/s]"]
+    back: Annotated[Float, "G_m / C_s; 0 without structure. [1/s]"]
+    outer: Annotated[Float, "G_s / C_s. [1/s]"]
+    motor: Annotated[Float, "1 / C_m. [K/J]"]
+    structure: Annotated[Float, "1 / C_s; 0 without structure. [K/J]"]
+    share: Annotated[Float, "Of the friction power that heats the motor. [-]"]
+    idle: Annotated[Float, "Heat of the motor beyond its losses. [W]"]
 
     @classmethod
     def of(cls, entries: Sequence[JointThermal | None], cooling: float = HELD) -> MotorHeat:
@@ -91,21 +81,13 @@ class MotorHeat:
         return transition, grown * np.stack([self.motor, self.structure], axis=-1)[:, None, :]
 
 
-@dataclass(frozen=True)
-class GearHeat:
-    """Rates of some gears; shape (n,) each.
+class GearHeat(Described):
+    """Rates of some gears; shape (n,) each."""
 
-    Attributes:
-        time: Time constant C / (G_m + G_a). [s]
-        to_motor: G_m / (G_m + G_a). [-]
-        per_watt: 1 / (G_m + G_a). [K/W]
-        std: Deviation of the temperature that the figures leave open. [K]
-    """
-
-    time: Float
-    to_motor: Float
-    per_watt: Float
-    std: Float
+    time: Annotated[Float, "Time constant C / (G_m + G_a). [s]"]
+    to_motor: Annotated[Float, "G_m / (G_m + G_a). [-]"]
+    per_watt: Annotated[Float, "1 / (G_m + G_a). [K/W]"]
+    std: Annotated[Float, "Deviation of the temperature that the figures leave open. [K]"]
 
     @classmethod
     def of(cls, entries: Sequence[JointGear | None]) -> GearHeat:

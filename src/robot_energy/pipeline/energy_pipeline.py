@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.condition.learner import ConditionLearner
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline.friction_stage import FrictionStage
@@ -26,25 +27,15 @@ from robot_energy.timeline.blocks import (
 TOGETHER_NS = 60_000_000  # of stamps that go through the stages together, at least [ns]
 
 
-@dataclass(frozen=True)
-class Output:
-    """What one step of the pipeline gave; None where nothing was complete.
+class Output(Described):
+    """What one step of the pipeline gave; None where nothing was complete."""
 
-    Attributes:
-        torque: Rigid-body torques.
-        friction: New friction coefficients.
-        power: Power samples.
-        means: Ended averaging periods.
-        meter: Meter readings, as they were taken in.
-        temperatures: Motor temperatures, likewise.
-    """
-
-    torque: TorqueBlock | None = None
-    friction: FrictionBlock | None = None
-    power: PowerBlock | None = None
-    means: MeanBlock | None = None
-    meter: MeterBlock | None = None
-    temperatures: TemperatureBlock | None = None
+    torque: Annotated[TorqueBlock | None, "Rigid-body torques."] = None
+    friction: Annotated[FrictionBlock | None, "New friction coefficients."] = None
+    power: Annotated[PowerBlock | None, "Power samples."] = None
+    means: Annotated[MeanBlock | None, "Ended averaging periods."] = None
+    meter: Annotated[MeterBlock | None, "Meter readings, as they were taken in."] = None
+    temperatures: Annotated[TemperatureBlock | None, "Motor temperatures, likewise."] = None
 
 
 class EnergyPipeline:

@@ -29,9 +29,6 @@ class FrictionTimeline:
     first, the row in use goes on until friction follows, or for ten seconds. The first row of
     all that comes before any torque holds for the first five seconds of torque also if its
     stamp is that of another time: nothing else is known then.
-
-    Args:
-        initial: What holds before any temperature, one row of stamp zero.
     """
 
     def __init__(self, initial: FrictionBlock) -> None:
@@ -66,8 +63,9 @@ class FrictionTimeline:
         while len(block):
             newest = int(self._line.stamp_ns[-1])
             if int(block.stamp_ns[0]) <= newest - SLOW_NS:
-                self._follow_back()
-                newest = 0
+                if self._alone_ns is None:
+                    self._before = self._line
+                self._line, self._alone_ns, newest = self._line[slice(0, 1)], None, 0
             falls = np.flatnonzero(differences(block.stamp_ns, newest) < 0)
             rising = int(falls[0]) if len(falls) else len(block)
             if rising:
@@ -78,13 +76,6 @@ class FrictionTimeline:
                 self._line = line
             late = rising == 0  # a little older than what is known: superseded
             block = block[slice(rising + late, None)]
-
-    def _follow_back(self) -> None:
-        """Begin a new line: the stamps of friction have jumped back."""
-        if self._alone_ns is None:
-            self._before = self._line
-        self._line = self._line[slice(0, 1)]
-        self._alone_ns = None
 
     def jump_back(self, stamp_ns: int) -> None:
         """Note that the stamps of torque have jumped back; the row in use goes on."""
@@ -232,12 +223,7 @@ class FallbackUse:
             self.silence_ns = max(self.silence_ns, now - int(seen_ns[too_old].min()))
 
     def of_another_time(self, ahead_ns: int | None) -> bool:
-        """Return whether the stamps of the temperatures are from another clock.
-
-        Args:
-            ahead_ns: How far they are ahead of those of the torques on arrival, negative where
-                they are behind; None where that is not known. [ns]
-        """
+        """Return whether temperatures, so far ahead of torques [ns], are from another clock."""
         far = self.apart_ns is not None and abs(self.apart_ns) > APART_NS
         return far and ahead_ns is not None and abs(ahead_ns) > APART_NS
 

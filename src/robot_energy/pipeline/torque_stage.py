@@ -16,8 +16,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort import Effort
-from robot_energy.physics.effort_check import EffortCheck
+from robot_energy.physics.effort import Effort, EffortCheck
 from robot_energy.physics.equations import mapped
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline.settings import Settings
@@ -68,10 +67,6 @@ class PayloadTimeline:
     def set(self, payload: Payload, from_ns: int) -> PayloadChange:
         """Return a change with the instant from which it really counts, and take it.
 
-        Args:
-            from_ns: First instant of validity; one that has passed means the next
-                sample. [ns]
-
         Raises:
             RobotDescriptionError: If the URDF lacks the link; nothing changes then.
             PayloadError: If too many changes wait for stamps that never come.
@@ -100,23 +95,16 @@ class PayloadTimeline:
                 break
             if first > start:
                 yield self.robot, block[slice(start, first)]
-            start = first
-            self._apply(self._coming.pop(0).payload)
+            start, payload = first, self._coming.pop(0).payload
+            others = [body for body in self.robot.payload if body.link != payload.link]
+            self.robot = self.robot.with_payload([*others, payload] if payload.mass else others)
         yield self.robot, block if start == 0 else block[slice(start, None)]
-
-    def _apply(self, payload: Payload) -> None:
-        others = [body for body in self.robot.payload if body.link != payload.link]
-        carried = [*others, payload] if payload.mass else others
-        self.robot = self.robot.with_payload(carried)
 
 
 class TorqueStage:
     """Differentiates joint states and computes the torque that moves the bodies.
 
     The effort of the driver, if its meaning is set, becomes measured motor torque.
-
-    Args:
-        settings: Window and lag of the derivative, meaning of the effort.
 
     Attributes:
         newest_ns: Newest joint state that has arrived, also one that `step` takes later: a payload

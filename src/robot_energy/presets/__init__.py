@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 from robot_energy.foundation.config_file import parse_yaml
 from robot_energy.foundation.errors import ModelFileError
@@ -20,14 +20,10 @@ INIT = "robot-energy model init"
 
 @dataclass(frozen=True, kw_only=True)
 class RobotPreset(Kind):
-    """A robot with its driver.
-
-    Attributes:
-        model: Name of the shipped model; empty where none is shipped.
-    """
+    """A robot with its driver."""
 
     file: str
-    model: str = ""
+    model: Annotated[str, "Name of the shipped model; empty where none is shipped."] = ""
 
     @property
     def inputs(self) -> Path:

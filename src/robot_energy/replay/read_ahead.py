@@ -8,6 +8,7 @@ import signal
 import warnings
 from collections.abc import Generator, Iterator
 from contextlib import suppress
+from fcntl import fcntl
 from multiprocessing import get_all_start_methods, get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
@@ -36,7 +37,8 @@ def read_ahead(items: Iterator[T]) -> Generator[T]:
     """
     context = get_context("fork")
     receive, send = context.Pipe(duplex=False)
-    _widen(send)
+    with suppress(OSError):  # a pipe that holds more, where the system allows it
+        fcntl(send.fileno(), SET_PIPE_SIZE, PIPE_BYTES)
     process = context.Process(target=_serve, args=(items, send, receive))
     with warnings.catch_warnings():  # of threads, which hold nothing that the process needs
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -92,14 +94,6 @@ def _received(pipe: Connection) -> Any:
                 raise EOFError
             done += more
     return pickle.loads(text, buffers=arrays)
-
-
-def _widen(pipe: Connection) -> None:
-    """Let a pipe hold more, where the system allows it."""
-    from fcntl import fcntl  # which is where processes can be forked
-
-    with suppress(OSError):
-        fcntl(pipe.fileno(), SET_PIPE_SIZE, PIPE_BYTES)
 
 
 def _serve(items: Iterator[T], send: Connection, receive: Connection) -> None:

@@ -28,16 +28,11 @@ Seconds = Annotated[float, Field(ge=0.0, le=2.0**31, allow_inf_nan=False)]
 
 
 class Job(ModelEntry):
-    """One job or cycle.
-
-    Attributes:
-        begin: Stamp of its first instant. [s since 1970]
-        end: Stamp of its last instant. [s since 1970]
-    """
+    """One job or cycle."""
 
     name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
-    begin: Seconds
-    end: Seconds
+    begin: Annotated[Seconds, "Stamp of its first instant. [s since 1970]"]
+    end: Annotated[Seconds, "Stamp of its last instant. [s since 1970]"]
 
     @field_validator("name")
     @classmethod
@@ -52,13 +47,12 @@ class Job(ModelEntry):
 
 
 class JobList(ModelEntry):
-    """The jobs of one or several recordings.
+    """The jobs of one or several recordings."""
 
-    Attributes:
-        jobs: One after the other; each begins when or after the one before has ended.
-    """
-
-    jobs: Annotated[tuple[Job, ...], Field(max_length=MAX_JOBS)]
+    jobs: Annotated[
+        Annotated[tuple[Job, ...], Field(max_length=MAX_JOBS)],
+        "One after the other; each begins when or after the one before has ended.",
+    ]
 
     @model_validator(mode="after")
     def _in_order(self) -> JobList:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -76,18 +76,15 @@ class LoadIngest:
 
 @dataclass
 class BagInputs:
-    """What reads a bag, and has counted what it read.
-
-    Attributes:
-        problems: What was wrong with the bag, one sentence each.
-        auxiliary: Accounting of meters and states of auxiliary loads, by load.
-    """
+    """What reads a bag, and has counted what it read."""
 
     joint_states: JointStateIngest
     temperatures: TemperatureIngest
     meter: MeterIngest
-    problems: list[str]
-    auxiliary: dict[str, LoadIngest] = field(default_factory=dict[str, LoadIngest])
+    problems: Annotated[list[str], "What was wrong with the bag, one sentence each."]
+    auxiliary: Annotated[
+        dict[str, LoadIngest], "Accounting of meters and states of auxiliary loads, by load."
+    ] = field(default_factory=dict[str, LoadIngest])
 
 
 @dataclass

@@ -19,8 +19,7 @@ from robot_energy.accounting.record import (
 from robot_energy.foundation.errors import RegisterError, StateFileError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
-from robot_energy.store.slot_store import SlotStore, Submit, at_once
-from robot_energy.store.slots import SlotPair, Stored, follows, is_newer
+from robot_energy.store.slots import SlotPair, SlotStore, Stored, Submit, at_once, follows, is_newer
 
 
 def identity_of(model: RobotModel, node: str = "") -> Identity:

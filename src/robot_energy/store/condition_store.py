@@ -13,8 +13,7 @@ from robot_energy.condition.record import FORMAT_VERSION, THERMAL_VERSION, Therm
 from robot_energy.condition.thermal_observer import ThermalObserver
 from robot_energy.model import RobotModel
 from robot_energy.store.account_store import file_name_of, identity_of
-from robot_energy.store.slot_store import SlotStore, Submit, at_once
-from robot_energy.store.slots import SlotPair, Stored
+from robot_energy.store.slots import SlotPair, SlotStore, Stored, Submit, at_once
 
 
 class ConditionStore(SlotStore[Any]):

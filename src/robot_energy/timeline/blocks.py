@@ -13,13 +13,15 @@ integrated or differentiated across a change of it.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum, IntFlag, StrEnum
 from operator import attrgetter
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from robot_energy.foundation.described import Described
 
 Float = NDArray[np.floating[Any]]  # float64 throughout; numpy types many results this wide
 Int = NDArray[np.int64]
@@ -110,20 +112,16 @@ class MeterLocation(IntEnum):
     DC_BUS = 2
 
 
-@dataclass(frozen=True)
-class HeldRows:
-    """What is computed at some samples only, and holds until the next one of them.
+class HeldRows(Described):
+    """What is computed at some samples only, and holds until the next one of them."""
 
-    Attributes:
-        values: Shape (M, K).
-        row: Which of them holds at each sample, shape (N,).
-        begins: Whether it was computed at that sample, shape (N,); else it goes on, at the
-            first sample of a block from the block before.
-    """
-
-    values: NDArray[np.floating[Any]]
-    row: NDArray[np.int64]
-    begins: NDArray[np.bool_]
+    values: Annotated[NDArray[np.floating[Any]], "Shape (M, K)."]
+    row: Annotated[NDArray[np.int64], "Which of them holds at each sample, shape (N,)."]
+    begins: Annotated[
+        NDArray[np.bool_],
+        "Whether it was computed at that sample, shape (N,); else it goes on, at the first sample "
+        "of a block from the block before.",
+    ]
     ndim = 1  # of arrays of one value per sample, which it is cut as
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> HeldRows:
@@ -150,8 +148,7 @@ class HeldRows:
         return self.values[self.row].astype(dtype or np.float64, copy=False)
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(Described):
     """Base of all blocks: cutting and joining along the sample axis."""
 
     stamp_ns: Int
@@ -206,52 +203,43 @@ class Block:
         return whole[order], number[order]
 
 
-@dataclass(frozen=True)
 class JointBlock(Block):
-    """Joint states, joint side.
+    """Joint states, joint side."""
 
-    Attributes:
-        stamp_ns: Measurement time, strictly increasing within a segment, shape (N,). [ns]
-        joint_position: Shape (N, n). [rad] or [m]
-        joint_velocity: Shape (N, n); NaN until derived where not reported. [rad/s] or [m/s]
-        joint_acceleration: Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated.
-        joint_effort: As the driver sent it, NaN for none, shape (N, n); meaning: a setting.
-    """
-
+    stamp_ns: Annotated[
+        Int, "Measurement time, strictly increasing within a segment, shape (N,). [ns]"
+    ]
     segment: Int
     quality: Bits
-    joint_position: Float
-    joint_velocity: Float
-    joint_acceleration: Float
-    joint_effort: Float
+    joint_position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
+    joint_velocity: Annotated[
+        Float, "Shape (N, n); NaN until derived where not reported. [rad/s] or [m/s]"
+    ]
+    joint_acceleration: Annotated[
+        Float, "Shape (N, n). [rad/s^2] or [m/s^2] NaN until differentiated."
+    ]
+    joint_effort: Annotated[
+        Float, "As the driver sent it, NaN for none, shape (N, n); meaning: a setting."
+    ]
 
 
-@dataclass(frozen=True)
 class TorqueBlock(Block):
-    """Rigid-body torque at the instants of the joint states.
-
-    Attributes:
-        joint_position: Joint side, shape (N, n). [rad] or [m]
-        joint_velocity: Joint side, shape (N, n). [rad/s] or [m/s]
-        joint_acceleration: Joint side, shape (N, n). [rad/s^2] or [m/s^2]
-        joint_torque_rigid: Joint side without rotor inertia, shape (N, n). [N m] or [N]
-        motor_velocity: Motor side, shape (N, n). [rad/s]
-        motor_torque_rigid: Motor side with rotor inertia, shape (N, n). [N m]
-        motor_torque_measured: Motor side, from the effort of the driver, shape (N, n);
-            NaN where unknown. [N m]
-        payload_mass: Mass of all payload in force, shape (N,). [kg]
-    """
+    """Rigid-body torque at the instants of the joint states."""
 
     segment: Int
     quality: Bits
-    joint_position: Float
-    joint_velocity: Float
-    joint_acceleration: Float
-    joint_torque_rigid: Float
-    motor_velocity: Float
-    motor_torque_rigid: Float
-    motor_torque_measured: Float
-    payload_mass: Float
+    joint_position: Annotated[Float, "Joint side, shape (N, n). [rad] or [m]"]
+    joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s] or [m/s]"]
+    joint_acceleration: Annotated[Float, "Joint side, shape (N, n). [rad/s^2] or [m/s^2]"]
+    joint_torque_rigid: Annotated[
+        Float, "Joint side without rotor inertia, shape (N, n). [N m] or [N]"
+    ]
+    motor_velocity: Annotated[Float, "Motor side, shape (N, n). [rad/s]"]
+    motor_torque_rigid: Annotated[Float, "Motor side with rotor inertia, shape (N, n). [N m]"]
+    motor_torque_measured: Annotated[
+        Float, "Motor side, from the effort of the driver, shape (N, n); NaN where unknown. [N m]"
+    ]
+    payload_mass: Annotated[Float, "Mass of all payload in force, shape (N,). [kg]"]
 
     def motor_side(self) -> TorqueBlock:
         """Return the same for no joint at the joint side: what follows needs the motors only."""
@@ -260,73 +248,56 @@ class TorqueBlock(Block):
         return replace(self, **dict.fromkeys(sides, none))
 
 
-@dataclass(frozen=True)
 class TemperatureBlock(Block):
-    """Motor temperatures as they arrive; several sources may interleave.
+    """Motor temperatures as they arrive; several sources may interleave."""
 
-    Attributes:
-        motor_temperature_degc: Shape (N, n); NaN where a sample says nothing of a joint. [degC]
-    """
-
-    motor_temperature_degc: Float
+    motor_temperature_degc: Annotated[
+        Float, "Shape (N, n); NaN where a sample says nothing of a joint. [degC]"
+    ]
 
 
-@dataclass(frozen=True)
 class FrictionBlock(Block):
-    """Friction coefficients, each row valid from its stamp onward, motor side.
+    """Friction coefficients, each row valid from its stamp onward, motor side."""
 
-    Attributes:
-        stamp_ns: First instant of validity, shape (N,). [ns]
-        coulomb: Shape (N, n). [N m]
-        viscous: At the row's temperature, shape (N, n). [N m s/rad]
-        viscous_std: Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]
-        viscous_shared_std: Part of it with the same error at all joints. [N m s/rad]
-        viscous_fallback, viscous_fallback_std: Used once the temperature is stale. [N m s/rad]
-        motor_temperature_degc: NaN where never seen, shape (N, n). [degC]
-        temperature_stamp_ns: Stamp of that temperature, 0 where never seen, shape (N, n). [ns]
-    """
-
+    stamp_ns: Annotated[Int, "First instant of validity, shape (N,). [ns]"]
     quality: Bits
-    coulomb: Float
-    viscous: Float
-    viscous_std: Float
-    viscous_shared_std: Float
-    viscous_fallback: Float
-    viscous_fallback_std: Float
-    motor_temperature_degc: Float
-    temperature_stamp_ns: Int
+    coulomb: Annotated[Float, "Shape (N, n). [N m]"]
+    viscous: Annotated[Float, "At the row's temperature, shape (N, n). [N m s/rad]"]
+    viscous_std: Annotated[
+        Float, "Standard deviation of it; NaN: not known, shape (N, n). [N m s/rad]"
+    ]
+    viscous_shared_std: Annotated[
+        Float, "Part of it with the same error at all joints. [N m s/rad]"
+    ]
+    viscous_fallback: Annotated[Float, "Used once the temperature is stale. [N m s/rad]"]
+    viscous_fallback_std: Annotated[Float, "Used once the temperature is stale. [N m s/rad]"]
+    motor_temperature_degc: Annotated[Float, "NaN where never seen, shape (N, n). [degC]"]
+    temperature_stamp_ns: Annotated[
+        Int, "Stamp of that temperature, 0 where never seen, shape (N, n). [ns]"
+    ]
 
 
-@dataclass(frozen=True)
 class MeterBlock(Block):
-    """Readings of the power meter, all of one meaning and location.
+    """Readings of the power meter, all of one meaning and location."""
 
-    Attributes:
-        stamp_ns: Instant of the reading, or the end of its interval, shape (N,). [ns]
-        power: Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]
-        energy: Counter reading, shape (N,); NaN unless cumulative. [J]
-        interval: That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]
-    """
-
-    power: Float
-    energy: Float
-    interval: Float
+    stamp_ns: Annotated[Int, "Instant of the reading, or the end of its interval, shape (N,). [ns]"]
+    power: Annotated[
+        Float, "Positive from the supply towards the load, shape (N,); NaN if cumulative. [W]"
+    ]
+    energy: Annotated[Float, "Counter reading, shape (N,); NaN unless cumulative. [J]"]
+    interval: Annotated[
+        Float, "That ends at the stamp, NaN unless the meter gives means, shape (N,). [s]"
+    ]
     meaning: MeterMeaning
     location: MeterLocation
 
 
-@dataclass(frozen=True)
 class SupplyBlock(Block):
-    """Predicted power wherever a meter can sit; a tenth of a power block.
-
-    Attributes:
-        grid_power: Drawn from the grid, shape (N,). [W]
-        loss_grid: Loss between the grid and the DC bus, shape (N,). [W]
-    """
+    """Predicted power wherever a meter can sit; a tenth of a power block."""
 
     segment: Int
-    grid_power: Float
-    loss_grid: Float
+    grid_power: Annotated[Float, "Drawn from the grid, shape (N,). [W]"]
+    loss_grid: Annotated[Float, "Loss between the grid and the DC bus, shape (N,). [W]"]
 
     def power_at(self, location: MeterLocation) -> Float:
         """Return the predicted power at the place of a meter, shape (N,). [W]"""
@@ -334,52 +305,36 @@ class SupplyBlock(Block):
         return self.grid_power - self.loss_grid if at_bus else self.grid_power
 
 
-@dataclass(frozen=True)
 class PowerBlock(SupplyBlock):
     """Where each watt goes at each instant. Positive = from grid towards load.
 
     ``grid_power = sum_i(rigid + friction + drive_loss)_i + losses + brake + capacitor`` holds.
-
-    Attributes:
-        phase: `Phase` values, shape (N,).
-        motor_velocity: Motor side, shape (N, n). [rad/s]
-        motor_torque: Rigid plus friction, motor side, shape (N, n). [N m]
-        motor_torque_measured: Motor side, shape (N, n); NaN where unknown. [N m]
-        shaft_power_measured: Measured torque times speed, NaN: unknown, shape (N, n). [W]
-        rigid_power: Motor side, shape (N, n). [W]
-        friction_power: Motor side, >= 0, shape (N, n). [W]
-        drive_loss: Drive input minus shaft power, shape (N, n). [W]
-        coulomb: Coefficient used, motor side, shape (N, n). [N m]
-        viscous: Coefficient used, motor side, shape (N, n). [N m s/rad]
-        motor_temperature_degc: Temperature used, shape (N, n). [degC]
-        payload_mass: Mass of all payload in force, shape (N,). [kg]
-        bus_power: Sum of the drive inputs (P_dc), shape (N,). [W]
-        loss_dc: Constant loss on the DC side, shape (N,). [W]
-        loss_grid: Constant loss on the grid side plus supply loss, shape (N,). [W]
-        brake_power: Dissipated in the brake resistor, >= 0, shape (N,). [W]
-        capacitor_power: Into the DC-link capacitor, signed, shape (N,). [W]
-        grid_power: Drawn from the grid; negative while fed back, shape (N,). [W]
-        deviation: How sure it is, see `robot_energy.certainty.deviation`, K columns. [W]
     """
 
+    loss_grid: Annotated[Float, "Constant loss on the grid side plus supply loss, shape (N,). [W]"]
+    grid_power: Annotated[Float, "Drawn from the grid; negative while fed back, shape (N,). [W]"]
     quality: Bits
-    phase: NDArray[np.uint8]
-    motor_velocity: Float
-    motor_torque: Float
-    motor_torque_measured: Float
-    shaft_power_measured: Float
-    rigid_power: Float
-    friction_power: Float
-    drive_loss: Float
-    coulomb: Float
-    viscous: Float
-    motor_temperature_degc: Float
-    payload_mass: Float
-    bus_power: Float
-    loss_dc: Float
-    brake_power: Float
-    capacitor_power: Float
-    deviation: HeldRows
+    phase: Annotated[NDArray[np.uint8], "`Phase` values, shape (N,)."]
+    motor_velocity: Annotated[Float, "Motor side, shape (N, n). [rad/s]"]
+    motor_torque: Annotated[Float, "Rigid plus friction, motor side, shape (N, n). [N m]"]
+    motor_torque_measured: Annotated[Float, "Motor side, shape (N, n); NaN where unknown. [N m]"]
+    shaft_power_measured: Annotated[
+        Float, "Measured torque times speed, NaN: unknown, shape (N, n). [W]"
+    ]
+    rigid_power: Annotated[Float, "Motor side, shape (N, n). [W]"]
+    friction_power: Annotated[Float, "Motor side, >= 0, shape (N, n). [W]"]
+    drive_loss: Annotated[Float, "Drive input minus shaft power, shape (N, n). [W]"]
+    coulomb: Annotated[Float, "Coefficient used, motor side, shape (N, n). [N m]"]
+    viscous: Annotated[Float, "Coefficient used, motor side, shape (N, n). [N m s/rad]"]
+    motor_temperature_degc: Annotated[Float, "Temperature used, shape (N, n). [degC]"]
+    payload_mass: Annotated[Float, "Mass of all payload in force, shape (N,). [kg]"]
+    bus_power: Annotated[Float, "Sum of the drive inputs (P_dc), shape (N,). [W]"]
+    loss_dc: Annotated[Float, "Constant loss on the DC side, shape (N,). [W]"]
+    brake_power: Annotated[Float, "Dissipated in the brake resistor, >= 0, shape (N,). [W]"]
+    capacitor_power: Annotated[Float, "Into the DC-link capacitor, signed, shape (N,). [W]"]
+    deviation: Annotated[
+        HeldRows, "How sure it is, see `robot_energy.certainty.deviation`, K columns. [W]"
+    ]
 
     @property
     def shaft_power(self) -> Float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +18,13 @@ MAX_WAITING = 4096  # intervals whose sums are made together
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
-@dataclass(frozen=True)
 class CoveredPieces(Block):
-    """Straight pieces of a power curve, in time order, not overlapping.
+    """Straight pieces of a power curve, in time order, not overlapping."""
 
-    Attributes:
-        stamp_ns: Where each begins, shape (N,). [ns]
-        end_ns: Shape (N,). [ns]
-        start_power: Shape (N,). [W]
-        end_power: Shape (N,). [W]
-    """
-
-    end_ns: Int
-    start_power: Float
-    end_power: Float
+    stamp_ns: Annotated[Int, "Where each begins, shape (N,). [ns]"]
+    end_ns: Annotated[Int, "Shape (N,). [ns]"]
+    start_power: Annotated[Float, "Shape (N,). [W]"]
+    end_power: Annotated[Float, "Shape (N,). [W]"]
 
     @property
     def duration(self) -> Float:
@@ -79,23 +72,18 @@ class CoveredPieces(Block):
         return low + (self.end_power[row] - low) * share
 
 
-@dataclass(frozen=True)
 class Compared(Block):
-    """Elementary intervals on which both powers are known.
+    """Elementary intervals on which both powers are known."""
 
-    Attributes:
-        stamp_ns: When the meter had reported the interval, shape (K,). [ns]
-        duration_ns: Shape (K,). [ns]
-        measured: Measured energy, shape (K,). [J]
-        predicted: Predicted energy at the meter's place, as the meter shows it with its delay
-            and low pass, shape (K,). [J]
-        drawn: Predicted energy that is drawn there meanwhile, shape (K,). [J]
-    """
-
-    duration_ns: Int
-    measured: Float
-    predicted: Float
-    drawn: Float
+    stamp_ns: Annotated[Int, "When the meter had reported the interval, shape (K,). [ns]"]
+    duration_ns: Annotated[Int, "Shape (K,). [ns]"]
+    measured: Annotated[Float, "Measured energy, shape (K,). [J]"]
+    predicted: Annotated[
+        Float,
+        "Predicted energy at the meter's place, as the meter shows it with its delay and low "
+        "pass, shape (K,). [J]",
+    ]
+    drawn: Annotated[Float, "Predicted energy that is drawn there meanwhile, shape (K,). [J]"]
 
 
 _TIMES, _VALUES = np.empty(0, dtype=np.int64), np.empty(0)

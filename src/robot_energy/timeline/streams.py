@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic
+from typing import Annotated, Generic
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Int, differences
 from robot_energy.timeline.stamps import B, ReorderBuffer
@@ -26,36 +27,32 @@ FIRST_PIECE = 16  # messages that are looked at one by one before all others at 
 RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is not a reset but another clock
 
 
-@dataclass(frozen=True)
-class Reach:
-    """How far a stamp may lie from the newest one of its stream and still continue it.
-
-    Attributes:
-        max_ahead_ns: At most, where the stream is slow: five median periods count. [ns]
-        behind_ns: Less than this behind it: late, not another time. [ns]
-        prompt: The first message counts at once, as it does of a state that is latched;
-            otherwise it waits for the second.
-        patient: Whether jumps that follow each other quickly need more messages.
-        confirmations: Messages in a row that make a jump of the stamps.
-    """
+class Reach(Described):
+    """How far a stamp may lie from the newest one of its stream and still continue it."""
 
     ahead_ns: int = SECOND_NS // 10
-    max_ahead_ns: int = SECOND_NS
-    behind_ns: int = SECOND_NS
-    prompt: bool = False
-    patient: bool = True
-    confirmations: int = MIN_CONFIRMATIONS
+    max_ahead_ns: Annotated[
+        int, "At most, where the stream is slow: five median periods count. [ns]"
+    ] = SECOND_NS
+    behind_ns: Annotated[int, "Less than this behind it: late, not another time. [ns]"] = SECOND_NS
+    prompt: Annotated[
+        bool,
+        "The first message counts at once, as it does of a state that is latched; otherwise it "
+        "waits for the second.",
+    ] = False
+    patient: Annotated[bool, "Whether jumps that follow each other quickly need more messages."] = (
+        True
+    )
+    confirmations: Annotated[int, "Messages in a row that make a jump of the stamps."] = (
+        MIN_CONFIRMATIONS
+    )
 
 
 SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
 
 
 def slow_reach(stale_ns: int) -> Reach:
-    """Return the reach of a state that changes slowly and is held until it is stale.
-
-    Args:
-        stale_ns: Age at which it is not used any more. [ns]
-    """
+    """Return the reach of a state that changes slowly and is held until it is stale."""
     return Reach(
         SLOW_NS,
         max(SLOW_NS, stale_ns // 2),
@@ -85,17 +82,14 @@ class EpochRun:
     first_ns: int = 0
 
 
-@dataclass(frozen=True)
-class Sorted:
-    """What became of messages. Rows count those that were held first, then those given.
-
-    Attributes:
-        held: Rows that wait for later messages; the caller puts them before the next ones.
-    """
+class Sorted(Described):
+    """What became of messages. Rows count those that were held first, then those given."""
 
     runs: list[EpochRun]
     strays: list[int] = field(default_factory=list[int])
-    held: list[int] = field(default_factory=list[int])
+    held: Annotated[
+        list[int], "Rows that wait for later messages; the caller puts them before the next ones."
+    ] = field(default_factory=list[int])
 
 
 class EpochSplitter:
@@ -389,7 +383,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject or _by_caller
+        self._reject: Callable[[str, int], None] = reject or (lambda reason, count: None)
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -401,11 +395,7 @@ class StreamSplitter(Generic[B]):
         return sum(len(each) for each in (self.held, self.order.held) if each is not None)
 
     def step(self, block: B, arrival_ns: int | None = None) -> list[tuple[B, EpochRun]]:
-        """Return the messages that are known to belong to their epoch, run by run; often one.
-
-        Args:
-            arrival_ns: When the last of them was received; None where it does not matter. [ns]
-        """
+        """Return the messages that are known to belong to their epoch, run by run; often one."""
         newest_ns = self.epochs.newest_ns
         found = self.epochs.step(block.stamp_ns)
         if arrival_ns is not None and self.epochs.newest_ns not in (None, newest_ns):
@@ -453,7 +443,3 @@ def joined(runs: Sequence[tuple[B, EpochRun]]) -> B | None:
     """Return the messages of some runs as one block; None if there are none."""
     blocks = [block for block, _ in runs if len(block)]
     return type(blocks[0]).concatenate(blocks) if blocks else None
-
-
-def _by_caller(reason: str, count: int) -> None:
-    """Leave the count to the caller."""

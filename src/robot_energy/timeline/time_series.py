@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +27,17 @@ Column = NDArray[Any]
 
 @dataclass(frozen=True)
 class TimeSeries(Shown):
-    """Columns over one axis of time.
+    """Columns over one axis of time."""
 
-    Attributes:
-        stamp_ns: Rising, shape (W,). [ns since 1970]
-        columns: Values by name, each of shape (W,).
-        joint_columns: Values per joint by name, each of shape (W, n).
-        joint_names: The n joints, in their order.
-        units: Unit of each column by its name; empty for a number without unit.
-    """
-
-    stamp_ns: NDArray[np.int64]
-    columns: Mapping[str, Column]
-    joint_columns: Mapping[str, Column] = field(default_factory=dict[str, Column])
-    joint_names: tuple[str, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    stamp_ns: Annotated[NDArray[np.int64], "Rising, shape (W,). [ns since 1970]"]
+    columns: Annotated[Mapping[str, Column], "Values by name, each of shape (W,)."]
+    joint_columns: Annotated[
+        Mapping[str, Column], "Values per joint by name, each of shape (W, n)."
+    ] = field(default_factory=dict[str, Column])
+    joint_names: Annotated[tuple[str, ...], "The n joints, in their order."] = ()
+    units: Annotated[
+        Mapping[str, str], "Unit of each column by its name; empty for a number without unit."
+    ] = field(default_factory=dict[str, str])
 
     def __post_init__(self) -> None:
         for name, values in self.columns.items():

@@ -207,7 +207,13 @@ def advise(
         coldest = min(moving, key=lambda row: each[row].mean_degc, default=0)
         fine = _fine(names[coldest], evidence, used, named)
         if options.get("look_at_speeds", True):
-            fine["speeds"] = _speeds(names, each, used, named, options)
+            places = evenly(len(names))
+            by_bag = [speeds(names[k], each[k], used, options, named) for k in places]
+            time = [one.observed_time for one in each]
+            part = [time[k] for k in places]
+            fine["speeds"] = (
+                by_bag[0] if len(names) == 1 else of_all(by_bag, part, sum(time), len(names))
+            )
             evidence.notes += [
                 note for one in each for note in one.notes if note not in evidence.notes
             ]
@@ -265,22 +271,6 @@ def _fine(
         "speeds": None,
         "waiting_pose": waiting_pose(evidence, model),
     }
-
-
-def _speeds(
-    paths: Sequence[str],
-    each: Sequence[RecordedEvidence],
-    model: RobotModel,
-    named: str,
-    options: ReplayOptions,
-) -> Claim | None:
-    """Speeds in some of the bags, for all of them."""
-    if len(paths) == 1:
-        return speeds(paths[0], each[0], model, options, named)
-    places = evenly(len(paths))
-    claims = [speeds(paths[k], each[k], model, options, named) for k in places]
-    time = [one.observed_time for one in each]
-    return of_all(claims, [time[k] for k in places], sum(time), len(paths))
 
 
 def _sampled(

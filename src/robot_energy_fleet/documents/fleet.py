@@ -274,25 +274,22 @@ def _findings(report: FleetReport, page: Document) -> None:
         page.paragraph(f"{one.robot}: {one.sentence}", "note" if good else "problem")
     if more := len(report.findings[MAX_SENTENCES:]):
         page.paragraph(f"{counted(more, 'finding')} more in the table")
-    if report.findings:
-        page.rows(
-            "How much, and how sure",
-            [
-                Column("robot", "robot"),
-                Column(
-                    "cause", lambda one: "energy of a job" if one.kind == "energy" else one.kind
-                ),
-                Column("of", lambda one: one.subject or None),
-                Column("size", _size),
-                Column(
-                    "certainty",
-                    "certainty",
-                    lambda sure: "> 99.99 %" if sure > 0.9999 else percent(sure, digits=2),
-                ),
-                Column("since, UTC", lambda one: utc(one.since_ns, "%F")),
-            ],
-            report.findings,
-        )
+    page.rows(
+        "How much, and how sure",
+        [
+            Column("robot", "robot"),
+            Column("cause", lambda one: "energy of a job" if one.kind == "energy" else one.kind),
+            Column("of", lambda one: one.subject or None),
+            Column("size", _size),
+            Column(
+                "certainty",
+                "certainty",
+                lambda sure: "> 99.99 %" if sure > 0.9999 else percent(sure, digits=2),
+            ),
+            Column("since, UTC", lambda one: utc(one.since_ns, "%F")),
+        ],
+        report.findings,
+    )
 
 
 def _nothing_found(report: FleetReport) -> str:
@@ -345,21 +342,20 @@ def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None
         report.robots,
         "all",
     )
-    if report.programmes:
-        page.rows(
-            "Programmes: energy of a job from the grid, predicted",
-            [
-                Column("", "name"),
-                Column("robots", "robots"),
-                Column("jobs", "jobs"),
-                Column("mean time", "mean_time", fixed(2), "s"),
-                Column("mean", lambda one: one.mean_energy / HOUR, significant(4), "Wh"),
-                Column("lowest robot", lambda one: one.lowest / HOUR, significant(4), "Wh"),
-                Column("highest robot", lambda one: one.highest / HOUR, significant(4), "Wh"),
-                Column("error against\nthe meter", "error", signed_percent),
-            ],
-            report.programmes,
-        )
+    page.rows(
+        "Programmes: energy of a job from the grid, predicted",
+        [
+            Column("", "name"),
+            Column("robots", "robots"),
+            Column("jobs", "jobs"),
+            Column("mean time", "mean_time", fixed(2), "s"),
+            Column("mean", lambda one: one.mean_energy / HOUR, significant(4), "Wh"),
+            Column("lowest robot", lambda one: one.lowest / HOUR, significant(4), "Wh"),
+            Column("highest robot", lambda one: one.highest / HOUR, significant(4), "Wh"),
+            Column("error against\nthe meter", "error", signed_percent),
+        ],
+        report.programmes,
+    )
     page.rows(
         f"Shifts, {settings.timezone}",
         [Column("", "name"), time, energy, *cost("cost", "cost"), *standby],
@@ -419,18 +415,16 @@ def _method(report: FleetReport, page: Document) -> None:
         page.heading("Data and method")
     page.notes(report.notes)
     bag = [Column("bag", "bag"), Column("robot", "robot")]
-    if report.refused:
-        page.rows(
-            f"Bags that could not be read: {_listed(report.refused)}",
-            [*bag, Column("reason", "reason")],
-            report.refused[:MAX_LISTED],
-        )
-    if report.damaged:
-        page.rows(
-            f"Damaged bags, of which a part was read and counts: {_listed(report.damaged)}",
-            [*bag, Column("what is wrong", lambda one: "; ".join(one.problems))],
-            report.damaged[:MAX_LISTED],
-        )
+    page.rows(
+        f"Bags that could not be read: {_listed(report.refused)}",
+        [*bag, Column("reason", "reason")],
+        report.refused[:MAX_LISTED],
+    )
+    page.rows(
+        f"Damaged bags, of which a part was read and counts: {_listed(report.damaged)}",
+        [*bag, Column("what is wrong", lambda one: "; ".join(one.problems))],
+        report.damaged[:MAX_LISTED],
+    )
     with page.only("page"):
         page.pairs(
             [

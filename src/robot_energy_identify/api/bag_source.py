@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.foundation.process_memory import give_back_freed_memory
+from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.replay.setup import driver_inputs, effort_meaning
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.bags import Bag, Kept, motion_time
+from robot_energy_identify.data.recordings import Recording, channels_of, read_recording
+from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.thinned import MOST
+from robot_energy_identify.drives.drive_power import DrivePowerTopics
+from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.options import EFFORTS, Stages, silent
-
-if TYPE_CHECKING:
-    from robot_energy.inputs.sources import Inputs
-    from robot_energy_identify.data.bags import Bag
-    from robot_energy_identify.data.recordings import Recording
-    from robot_energy_identify.data.signals import Channels
-    from robot_energy_identify.drives.drive_power import DrivePowerTopics
-    from robot_energy_identify.friction.samples import FrictionData
-    from robot_energy_identify.stats.systematic import SensorLimits
+from robot_energy_identify.plausibility import check_signs
+from robot_energy_identify.refused_recordings import refuse_torque, torque_evidence
+from robot_energy_identify.run_all import usable_effort
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 NEVER_GUESSED = "the effort of a driver is never guessed"
 
@@ -64,10 +65,6 @@ class BagSource:
 
     def recordings(self, model: RobotModel) -> list[Recording]:
         """Return the bags as the stages of the monitor read them."""
-        from robot_energy_identify.data.recordings import read_recording
-        from robot_energy_identify.data.thinned import MOST
-        from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
-
         meaning, read = self.meaning()
         sensors = self.sensors or DEFAULT_LIMITS
         found: list[Recording] = []
@@ -80,9 +77,6 @@ class BagSource:
 
     def with_effort(self, model: RobotModel) -> list[Recording]:
         """Return bags with measured torque or current as the stages of the monitor read them."""
-        from robot_energy_identify.plausibility import check_signs
-        from robot_energy_identify.refused_recordings import refuse_torque, torque_evidence
-
         meaning, _ = self.meaning()
         if meaning is EffortMeaning.NONE:
             raise ModelFileError(
@@ -100,8 +94,6 @@ class BagSource:
 
     def friction_data(self, model: RobotModel) -> list[FrictionData]:
         """Return what is needed to identify friction, one entry per joint."""
-        from robot_energy_identify.friction.samples import friction_data
-
         recordings = self.with_effort(model)
         return [friction_data(recordings, joint) for joint in range(len(model.joints))]
 
@@ -112,9 +104,6 @@ class BagSource:
         return found
 
     def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
-        from robot_energy_identify.data.bags import Kept, motion_time
-        from robot_energy_identify.data.recordings import channels_of
-
         recordings = self.with_effort(model)
         seconds = motion_time(recordings, len(recordings))
         found: dict[str, list[Channels]] = {}
@@ -137,11 +126,6 @@ class BagSource:
         Returns:
             The bags, and why their effort cannot be used; empty if it can, or was not stated.
         """
-        from robot_energy_identify.data.bags import Bag
-        from robot_energy_identify.data.thinned import MOST
-        from robot_energy_identify.run_all import usable_effort
-        from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
-
         meaning, read = self.meaning()
         refused = usable_effort(model, meaning)
         used = EffortMeaning.NONE if refused else meaning

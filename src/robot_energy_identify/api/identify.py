@@ -19,7 +19,8 @@ from robot_energy_identify.auxiliary.readings import outlet_readings, own_readin
 from robot_energy_identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
 from robot_energy_identify.cabinet.supply import fit_supply
 from robot_energy_identify.check.evidence import Evidence
-from robot_energy_identify.data.bags import Bag, BagFacts, Kept, Span, facts, folds_of
+from robot_energy_identify.data.bags import BagFacts, Kept, Span, facts, folds_of
+from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings
 from robot_energy_identify.dynamics.dynamics import identify_dynamics as fit_dynamics
@@ -33,6 +34,7 @@ from robot_energy_identify.refused_recordings import (
     cause_named,
     evidence_of_rows,
     notes_on_torque,
+    on_one_clock,
     refuse_meter,
     refuse_torque,
     torque_evidence,
@@ -183,9 +185,10 @@ def identify_cabinet(
         RobotEnergyError: If recordings or model cannot be used.
     """
     used, read = model_of(model), _source(bags, None, options)
-    recordings = read.recordings(used)
+    recordings, moved = on_one_clock(read.recordings(used))
     refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, read.names, link_voltages)
+    found = replace(found, cabinet=replace(found.cabinet, notes=(*moved, *found.cabinet.notes)))
     check_cabinet(found.cabinet)
     written = _made_from(found.model, "Constant losses of the cabinet identified.", read)
     return IdentificationResult(written, cabinet_report(found))
@@ -361,22 +364,29 @@ def identify_all(
     tests, _ = BagSource(test_paths, effort, source.inputs).lazy(given, drives)
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
-    kept: list[Bag] = []
+    recordings: list[Recording] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
-        kept.append(replace(bag, kept=Kept(recording)) if recording.in_order else bag)
+        recordings.append(recording)
         known.append((facts(bag, recording), recording.span_ns))
         evidence.append(torque_evidence(recording, bag.effort))
         if len(known) <= len(fitted):
             check_signs([recording], bag.effort)
-            refuse_meter([recording], bag.effort)
+    recordings, moved = on_one_clock(recordings)
+    for bag, recording in zip(fitted, recordings, strict=False):
+        refuse_meter([recording], bag.effort)
+    kept = [
+        replace(bag, kept=Kept(recording)) if recording.in_order else bag
+        for bag, recording in zip((*fitted, *tests), recordings, strict=True)
+    ]
+    del recordings
     fitted, tests = kept[: len(fitted)], kept[len(fitted) :]
     read = [entry for entry, _ in known[: len(fitted)]]
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):
         compare = refuse_torque if bodies_known(given) else notes_on_torque
-        notes = [*compare(fit_parts), *notes_on_torque(test_parts, "in the test: ")]
+        notes = [*moved, *compare(fit_parts), *notes_on_torque(test_parts, "in the test: ")]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
             fitted,

@@ -17,6 +17,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.certainty.priors import figure_std
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
@@ -24,7 +25,7 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.bounds import identified, only_the_sum
-from robot_energy_identify.cabinet.fan import FanFit
+from robot_energy_identify.cabinet.fan import FanFit, FanFound
 from robot_energy_identify.cabinet.phase_readings import (
     BEFORE_MOTION,
     SETTLED,
@@ -137,6 +138,15 @@ class CabinetFit(Described):
     ] = field(default_factory=dict[str, dict[str, float]])
     fan: Annotated[FanFit | None, "Whose power is taken off; None where none was found."] = None
     fan_reason: Annotated[str, "Why none was found; empty otherwise."] = ""
+    fan_likely: Annotated[
+        float,
+        "Power of a fan that levels of recordings show, but not surely; the deviation of the loss "
+        "on the grid side holds it. [W]",
+    ] = 0.0
+
+    def with_fan(self, found: FanFound) -> CabinetFit:
+        """Return the losses, with what the same recordings say of a fan."""
+        return replace(self, fan=found.fan, fan_reason=found.reason, fan_likely=found.likely)
 
 
 Rest = tuple[Level, tuple[str, ...]]
@@ -314,7 +324,30 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     if fit.loss_grid is not None and fit.loss_grid_std is None and fit.hold is not None:
         known = f"{fit.hold.power:.4g} +- {total(fit.parts['sum']):.2g} W"
         update["loss_grid"] = only_the_sum(fit.loss_grid, f"both sides, {known}", source)
-    return model.changed(cabinet=model.cabinet.model_copy(update=update))
+    model = model.changed(cabinet=model.cabinet.model_copy(update=update))
+    return with_likely_fan(model, fit.fan_likely)
+
+
+def with_likely_fan(model: RobotModel, power: float) -> RobotModel:
+    """Return a model whose loss on the grid side errs by a fan that may run or not.
+
+    Args:
+        model: Any model; where it has a covariance, that holds it.
+        power: Of the fan; 0 changes nothing. [W]
+    """
+    if not power:
+        return model
+    known = model.covariance
+    if known is not None and "loss_grid" in known.figures:
+        at = known.figures.index("loss_grid")
+        rows = [list(row) for row in known.matrix]
+        rows[at][at] += power**2
+        matrix = tuple(tuple(row) for row in rows)
+        return model.changed(covariance=known.model_copy(update={"matrix": matrix}))
+    side = model.cabinet.loss_grid
+    std = float(np.hypot(figure_std(side, "loss_grid"), power))
+    grid = side.model_copy(update={"std": std})
+    return model.changed(cabinet=model.cabinet.model_copy(update={"loss_grid": grid}))
 
 
 def _feeding(recording: Recording) -> NDArray[np.bool_]:

@@ -8,15 +8,16 @@ with the torques tau that motors hold and their temperatures T, so it matters li
 knows of the drives. What warms up with the robot has a slope and no step. P and its
 deviation follow for every rest. The fan starts at the rest where P has the greatest ratio to its
 deviation. Its temperature is what the warmest motor had reached by then. A step down contradicts a
-fan while motors warm up; while they cool the fan itself stops. Levels of whole recordings do not
-count: warm windings and a payload change them as well.
+fan while motors warm up. While they cool the fan itself stops, so these rests do not count. Where
+no recording has the step, levels of recordings with the fan and without it may show it
+(`robot_energy_identify.cabinet.levels`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -27,12 +28,15 @@ from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy_identify.bounds import identified
+from robot_energy_identify.cabinet.levels import level_step, levels_of
 from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import COOL, winding_torque
 from robot_energy_identify.drives.losses import TERMS, loss_columns
+from robot_energy_identify.drives.total_power import BY_LEVELS
 
 SURE = 5.0  # deviations of a step; without a fan the greatest of a warm-up are below 4
+BY_LEVELS_SURE, LIKELY = 4.0, 3.0  # of levels: of a fan, and of constants that are less sure
 MOST, LEAST = 48, 12  # rests on each side of a step
 AROUND = 6  # rests to each side, between which it may lie
 FALL = 1.0  # K below its highest temperature, beyond which the warmest motor cools
@@ -41,6 +45,7 @@ TOLERANCE = 2.0  # deviations of that temperature, within which another recordin
 RANK = 1e-6  # of columns that the others explain
 EXACT = 1e-6  # W: no step is known better
 WARM_UP = "a warm-up with pauses of a second, with motor temperatures and a meter at the grid"
+UNTIL_IT_RUNS = "let the warm-up go on until the fan of the cabinet runs"
 ROOT12 = 12.0**0.5
 
 
@@ -51,8 +56,10 @@ class FanFit(Described):
     std: Annotated[float, "[W]"]
     on_above_degc: Annotated[float, "Temperature of the warmest motor at which it starts. [degC]"]
     on_std: Annotated[float, "[K]"]
-    recordings: Annotated[int, "Number of recordings in which it starts."]
-    rests: Annotated[int, "Number of rests around these starts."]
+    recordings: Annotated[int, "Number of recordings in which it starts, or runs."]
+    rests: Annotated[
+        int, "Number of rests around its starts; 0 where levels of recordings show it."
+    ]
 
     def entry(self, source: str) -> CabinetFan:
         """Return it for a model file.
@@ -60,27 +67,69 @@ class FanFit(Described):
         Args:
             source: Where the data come from.
         """
+        source = source if self.rests else BY_LEVELS + source
         on = Figure(value=self.on_above_degc, tag="identified", std=self.on_std, source=source)
         stops = PositiveFigure(value=HYSTERESIS, tag="assumed", std=HYSTERESIS_STD)
         power = identified(self.power, self.std, source)
         return CabinetFan(power=power, on_above_degc=on, hysteresis=stops)
 
 
+class FanFound(NamedTuple):
+    """What recordings say of a fan.
+
+    Attributes:
+        fan: None where none is sure.
+        reason: Why none is; empty otherwise.
+        likely: Power of a fan that levels of recordings show, but not surely; 0 otherwise. [W]
+    """
+
+    fan: FanFit | None
+    reason: str = ""
+    likely: float = 0.0
+
+
 def with_fan(
     model: RobotModel, recordings: Sequence[Recording], source: str
-) -> tuple[RobotModel, FanFit | None, str]:
-    """Return a model with the fan that recordings show, the fan, and why there is none.
+) -> tuple[RobotModel, FanFound]:
+    """Return a model with the fan that recordings show, and what they say of it.
 
     Args:
         model: Any model of the same robot; without a step it keeps what it has.
         source: Where the data come from.
     """
     try:
-        fan = find_fan(recordings)
+        found = FanFound(find_fan(recordings))
     except NotIdentifiableError as error:
-        return model, None, str(error)
-    cabinet = model.cabinet.model_copy(update={"fan": fan.entry(source)})
-    return model.changed(cabinet=cabinet), fan, ""
+        found = FanFound(None, str(error))
+        if model.cabinet.fan is None:
+            found = _by_levels([part for part in recordings if _usable(part)]) or found
+    if found.fan is None:
+        return model, found
+    cabinet = model.cabinet.model_copy(update={"fan": found.fan.entry(source)})
+    return model.changed(cabinet=cabinet), found
+
+
+def _by_levels(recordings: Sequence[Recording]) -> FanFound | None:
+    """A fan that levels of recordings show, sure or likely."""
+    try:
+        levels = levels_of(recordings)
+    except NotIdentifiableError:
+        return None
+    step = level_step(levels)
+    if step is None or step.score < LIKELY:
+        return None
+    if step.score < BY_LEVELS_SURE:
+        reason = NotIdentifiableError(
+            f"levels of the power look like a fan of {step.power:.0f} W that starts between "
+            f"{step.below:.0f} and {step.above:.0f} degC, at {step.score:.1f} deviations: {levels}",
+            f"{BY_LEVELS_SURE:g} deviations, or the step of its start",
+            UNTIL_IT_RUNS,
+        )
+        return FanFound(None, str(reason), step.power)
+    off = 2.0**0.5 * recordings[0].sensors.std.thermometer
+    on_std = float(np.hypot((step.above - step.below) / ROOT12, off))
+    between = 0.5 * (step.below + step.above)
+    return FanFound(FanFit(step.power, step.std, between, on_std, step.recordings, 0))
 
 
 @dataclass(frozen=True)
@@ -199,6 +248,7 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
     Args:
         thermometer: Deviation between those of two motors; another one may be warmest later. [K]
     """
+    recordings = [part.warming for part in recordings]  # a fan stops while motors cool
     steps = [(part.step(first), part, first) for part in recordings for first in part.places]
     if not steps:
         least = min((part.least for part in recordings), default=LEAST)
@@ -241,7 +291,7 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
         (
             rest.step(at)
             for other, place in zip(recordings, starts, strict=True)
-            for rest in [(other if place is None else other.less(power, place)).warming]
+            for rest in [other if place is None else other.less(power, place)]
             for at in rest.places
         ),
         key=lambda one: one.score,

@@ -70,10 +70,10 @@ def fit_supply(
     low_pass, delay = meter_lags(read)
     undone = applied(delay), applied(low_pass)
     recordings = [part.with_meter_earlier(*undone) for part in recordings]
-    given, fan, fan_reason = with_fan(recordings[0].model, recordings, source)
-    if fan is not None:
+    given, fan = with_fan(recordings[0].model, recordings, source)
+    if fan.fan is not None:
         recordings = [_rebalanced(part, given.cabinet) for part in recordings]
-    cabinet = fit_cabinet(recordings)
+    cabinet = fit_cabinet(recordings).with_fan(fan)
     model = with_cabinet(given, cabinet, source)
     link, reason = _link(recordings, model)
     note = ""
@@ -81,6 +81,7 @@ def fit_supply(
         # Judged after both rounds: before, readings at rest may still be too low.
         linked, _ = with_link(model, link, source, voltages)
         again = fit_cabinet([_rebalanced(part, linked.cabinet) for part in recordings])
+        again = again.with_fan(fan)
         if again.loss_dc is not None or cabinet.loss_dc is None:  # enough rest is left
             link, reason = _link(recordings, with_cabinet(given, again, source))
             if not reason:
@@ -88,7 +89,6 @@ def fit_supply(
     if link is not None and not reason:
         model, note = with_link(model, link, source, voltages)
     model = with_response(model, low_pass, delay, source)
-    cabinet = replace(cabinet, fan=fan, fan_reason=fan_reason)
     return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
 
 

@@ -113,6 +113,7 @@ class Evidence(Described):
         default_factory=Remarks
     )
     inputs: Annotated[Inputs, "How the recording was read."] = field(default_factory=Inputs)
+    name: Annotated[str, "Of the recording, where it is one of several."] = ""
     derived: Annotated[
         bool, "Whether velocities come from the positions, so that both say the same."
     ] = False

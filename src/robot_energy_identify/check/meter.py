@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,12 +22,28 @@ MIN_SPAN = 10.0  # s of recording, below which no delay can be found
 MIN_LAG = 0.15  # s, below which a delay is the meter's own averaging
 LEAST_LAG = 0.3  # s: the least delay that is to be found
 LAG_STEP = 0.02  # s
+FAR_LAG = 10.0  # s: clocks that are off by up to this are found
+FAR_STEP = 0.1  # s
 APART = 5.0  # times the usual step, beyond which samples or readings do not follow each other
 LEAST_RATIO = 0.1  # of meter and prediction, below which one of them is wrong
 MAX_EXCESS = 2.0  # of the meter over the prediction
 BODIES = ("joint_sign", "zero_offset", "joint_order", "payload", "gear_ratio")  # spoil predictions
 TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
+
+
+class MeterLag(NamedTuple):
+    """How far the readings of a meter are behind the joint states.
+
+    Attributes:
+        lag: Negative for readings that are ahead. [s]
+        gain: Share of what is left unexplained that the lag takes away. [-]
+        shown: Whether that is enough for a lag.
+    """
+
+    lag: float
+    gain: float
+    shown: bool
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
@@ -124,31 +141,48 @@ def _unexplained(measured: Float, predicted: Float) -> float:
     return 1.0 - float(x @ y) ** 2 / (float(x @ x) * float(y @ y))
 
 
-def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> list[Finding]:
-    """Whether the readings are behind or ahead, or why that cannot be judged."""
+def lag_of(evidence: Evidence) -> MeterLag | str:
+    """Return how far the readings are behind the joint states, or why that cannot be judged."""
+    assert evidence.meter is not None
+    return _lag_of(evidence, *_measured(evidence))
 
-    def unknown(why: str) -> list[Finding]:
-        return [unjudged("meter_clock", ("meter",), "the clock of the meter", why)]
 
-    if wrong:
-        return unknown(f"correct {wrong[0]} first")
-    if time[-1] - time[0] < MIN_SPAN:
-        return unknown(f"{time[-1] - time[0]:.1f} s of readings, {MIN_SPAN:.0f} s are needed")
+def _lag_of(evidence: Evidence, time: Float, measured: Float) -> MeterLag | str:
+    if len(time) < MIN_INTERVALS or time[-1] - time[0] < MIN_SPAN:
+        span = float(np.ptp(time)) if len(time) else 0.0
+        return f"{span:.1f} s of readings, {MIN_SPAN:.0f} s are needed"
+
+    def unexplained(lags: Float) -> Float:
+        return np.array([_unexplained(measured, _predicted(evidence, time, lag)) for lag in lags])
+
     lags = np.arange(-MAX_LAG, MAX_LAG + 1e-9, LAG_STEP)
-    left = np.array([_unexplained(measured, _predicted(evidence, time, lag)) for lag in lags])
-    best = int(np.argmin(left))
-    if left[best] > 1.0 - MIN_CORRELATION**2 or best in (0, len(lags) - 1):
-        return unknown(f"the prediction explains {100 * (1 - left[best]):.0f} % of its readings")
+    left = unexplained(lags)
+    now = float(left[int(np.argmin(np.abs(lags)))])
+    best, most = int(np.argmin(left)), 1.0 - MIN_CORRELATION**2
+    if left[best] > most or best in (0, len(lags) - 1):  # a clock may be further off
+        reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
+        far = np.arange(-reach, reach + 1e-9, FAR_STEP)
+        lags = far[int(np.argmin(unexplained(far)))] + lags
+        left = unexplained(lags)
+        best = int(np.argmin(left))
+    if left[best] > most or best in (0, len(lags) - 1):
+        return f"the prediction explains {100 * (1 - left[best]):.0f} % of its readings"
     away = round(LEAST_LAG / LAG_STEP)
     near = [left[place] for place in (best - away, best + away) if 0 <= place < len(lags)]
     needed = MIN_LAG_GAIN + float(left[best])  # friction and losses that are off look like a lag
     if 1.0 - float(left[best]) / min(near) < needed:
-        return unknown(
-            f"a shift of {LEAST_LAG:g} s changes too little of what the prediction explains"
-        )
-    now = float(left[int(np.argmin(np.abs(lags)))])
-    lag, gain = float(lags[best]), 1.0 - float(left[best]) / now if now > 0.0 else 0.0
-    if abs(lag) < MIN_LAG or gain < needed:
+        return f"a shift of {LEAST_LAG:g} s changes too little of what the prediction explains"
+    gain = 1.0 - float(left[best]) / now if now > 0.0 else 0.0
+    return MeterLag(float(lags[best]), gain, gain >= needed)
+
+
+def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> list[Finding]:
+    """Whether the readings are behind or ahead, or why that cannot be judged."""
+    found = f"correct {wrong[0]} first" if wrong else _lag_of(evidence, time, measured)
+    if isinstance(found, str):
+        return [unjudged("meter_clock", ("meter",), "the clock of the meter", found)]
+    lag, gain, shown = found
+    if abs(lag) < MIN_LAG or not shown:
         return []
     return [
         Finding(

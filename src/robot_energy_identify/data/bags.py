@@ -239,9 +239,7 @@ def temperature_ranges(recordings: Sequence[Recording]) -> Float:
     if not parts:
         return np.full((2, 1), np.nan)
     degc = np.concatenate(parts)
-    low = np.where(np.isfinite(degc), degc, np.inf).min(axis=0)
-    high = np.where(np.isfinite(degc), degc, -np.inf).max(axis=0)
-    return np.where(low <= high, np.stack([low, high]), np.nan)
+    return np.stack([np.fmin.reduce(degc), np.fmax.reduce(degc)])
 
 
 def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:

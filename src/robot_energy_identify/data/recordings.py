@@ -7,7 +7,7 @@ arrays, so what is fitted is what runs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated
@@ -61,23 +61,14 @@ OF_MOTION = (
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
-@dataclass(frozen=True)
 class MotionBlock(Block):
-    """What the dynamics see of a recording, motor side but for the positions.
+    """What the dynamics see of a recording, motor side but for the positions."""
 
-    Attributes:
-        segment: Changes at every gap or jump of the stamps, shape (N,).
-        joint_position: Shape (N, n). [rad] or [m]
-        motor_velocity: Shape (N, n). [rad/s]
-        motor_torque_measured: Shape (N, n). [N m]
-        motor_temperature_degc: Shape (N, n). [degC]
-    """
-
-    segment: Int
-    joint_position: Float
-    motor_velocity: Float
-    motor_torque_measured: Float
-    motor_temperature_degc: Float
+    segment: Annotated[Int, "Changes at every gap or jump of the stamps, shape (N,)."]
+    joint_position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    motor_torque_measured: Annotated[Float, "Shape (N, n). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Shape (N, n). [degC]"]
 
 
 class Recording(Described):

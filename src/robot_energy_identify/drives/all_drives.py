@@ -23,6 +23,7 @@ from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_driv
 from robot_energy_identify.drives.efficiency_map import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import (
+    BY_LEVELS,
     TotalFit,
     compare_total,
     fan_share,
@@ -146,19 +147,24 @@ def find_drives(
 
 
 def _found_here(model: RobotModel, source: str) -> bool:
-    """Whether a step in the recordings of this source shows the fan of a model."""
+    """Whether the recordings of this source show the fan of a model."""
     fan = model.cabinet.fan
-    return fan is not None and fan.power.tag == "identified" and fan.power.source == source != ""
+    if fan is None or fan.power.tag != "identified" or not source:
+        return False
+    return fan.power.source in (source, BY_LEVELS + source)
 
 
 def _with_fan_fitted(pieces: Sums, fit: TotalFit, model: RobotModel) -> tuple[Sums, float]:
     """Readings less a fan of the power that all of them show, and that power. [W]
 
-    One that its step contradicts is not taken: other losses follow the temperature as well.
+    One that its step contradicts is not taken: other losses follow the temperature as well. By
+    levels of recordings the power of the fan comes from all readings already.
     """
     fan = model.cabinet.fan
     assert fan is not None
     assert pieces.fan is not None
+    if fan.power.source.startswith(BY_LEVELS):
+        return pieces, fan.power.value
     share = fan_share(pieces, fit.structure)
     if abs(share - 1.0) * fan.power.value > AGREES * figure_std(fan.power, "loss_grid"):
         share = 1.0

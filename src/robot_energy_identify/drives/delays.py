@@ -49,6 +49,7 @@ STEPS = 20  # on each side of zero,
 FINE = 10  # then on each side of the best of them
 WIDE = 2  # steps of low passes to each side: the least error may lie beyond the next
 MIN_ROWS = 100
+AHEAD = 0.03  # s by which no meter is ahead of what it measures; a model that is off makes 0.01
 MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
 
 
@@ -71,20 +72,25 @@ def estimate_meter_delay(data: DriveData) -> Delay | None:
     return None if error is None else best_delay(fine, error[:, :-1], error[:, -1], span, MIN_GAIN)
 
 
-def estimate_time_constant(data: DriveData) -> Delay | None:
-    """Return the time constant of a low pass in the meters of all recordings.
+def estimate_time_constant(data: DriveData, ahead: bool = False) -> Delay | None:
+    """Return the time constant of a low pass in the meters of all recordings but counters.
 
     The delay is free at each constant: at a fixed one the constant would take it up, and a low pass
     that is undone by too much shows less than the grid gives while the drives brake. The constant
     is applied only where it explains the readings better than a delay alone. None where the
-    readings are too few to decide, or are those of a counter.
+    readings are too few to decide.
+
+    Args:
+        ahead: Whether readings may be ahead of the samples, as by a clock.
     """
-    counted = any(m is not None and m.meaning is MeterMeaning.CUMULATIVE for m in data.meters)
-    if counted or not np.isfinite(data.period) or data.period <= 0.0:
+    if not np.isfinite(data.period) or data.period <= 0.0:
         return None
+    data = replace(data, meters=tuple(map(_without_counter, data.meters)))
     span = min(MAX_TIME_CONSTANT, SHARE * len(data) * data.period)
     grid = span * np.arange(STEPS + 1) / STEPS
     lags = grid[::2] * SPAN / MAX_TIME_CONSTANT
+    step = lags[1]
+    lags = np.append(-lags[:0:-1], lags) if ahead else lags
     error = _errors_of_both(data, grid, lags)
     if error is None:
         return None
@@ -95,8 +101,8 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     total = error.sum(axis=0)
     row, column = divmod(int(total.argmin()), total.shape[1])
     fine = np.arange(-FINE, FINE + 1) / FINE
-    near, late = grid[row] + WIDE * grid[1] * fine, lags[column] + lags[1] * fine
-    near, late = near[near > 0.0], late[late >= 0.0]
+    near, late = grid[row] + WIDE * grid[1] * fine, lags[column] + step * fine
+    near, late = near[near > 0.0], late[late >= lags[0]]
     # First a delay alone, at its best, on the same readings.
     alone = lags[total[0].argmin()]
     error = _errors_of_both(data, np.append(0.0, near), np.append(alone, late))
@@ -105,6 +111,11 @@ def estimate_time_constant(data: DriveData) -> Delay | None:
     closer = _at_best_lags(error)
     finer = best_delay(near, closer[:, 1:], closer[:, 0], span, MIN_GAIN)
     return found if finer.at_edge else finer
+
+
+def _without_counter(meter: MeterBlock | None) -> MeterBlock | None:
+    counts = meter is not None and meter.meaning is MeterMeaning.CUMULATIVE
+    return None if counts else meter
 
 
 def _at_best_lags(error: Float) -> Float:
@@ -152,7 +163,11 @@ def meter_lags(read: Callable[[float], DriveData]) -> tuple[Delay | None, Delay 
     if all(meter is None for meter in data.meters):
         return None, None
     low_pass = estimate_time_constant(data)
-    return low_pass, estimate_meter_delay(read(applied(low_pass)))
+    delay = estimate_meter_delay(read(applied(low_pass)))
+    if applied(delay) < -AHEAD:  # a clock is ahead, and the delay was not free
+        low_pass = estimate_time_constant(data, ahead=True)
+        delay = estimate_meter_delay(read(applied(low_pass)))
+    return low_pass, delay
 
 
 def with_response(

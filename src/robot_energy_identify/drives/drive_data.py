@@ -228,6 +228,9 @@ def drive_data(
     shared = torque
     if not (measured_torque or bodies_identified(recordings[0].model)):
         shared = torque - np.concatenate([part.torque.motor_torque_rigid for part in recordings])
+    fans = [
+        FanStage(part.model.cabinet).step(part.power.motor_temperature_degc) for part in recordings
+    ]
     return DriveData(
         names,
         stamp,
@@ -243,15 +246,8 @@ def drive_data(
         shared,
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
-        _fan_power(recordings),
+        np.concatenate(fans) if isinstance(fans[0], np.ndarray) else None,
     )
-
-
-def _fan_power(recordings: Sequence[Recording]) -> Float | None:
-    powers = [
-        FanStage(part.model.cabinet).step(part.power.motor_temperature_degc) for part in recordings
-    ]
-    return np.concatenate(powers) if isinstance(powers[0], np.ndarray) else None
 
 
 def _viscous_off(part: Recording) -> Float:

@@ -292,25 +292,20 @@ class _Fitter:
             return None
         weight = np.where(tested, data.duration[:, None], 0.0)
         energy = float(np.sum(weight * np.where(tested, data.drive_power, 0.0)))
-        scores = {
-            way: self._score(power, tested, weight, energy)
-            for way, power in predicted.items()
-            if np.isfinite(power[tested]).all()  # else the kind of a user has no fit here
-        }
+        scores: dict[Way, Score] = {}
+        for way, power in predicted.items():
+            if not np.isfinite(power[tested]).all():  # the kind of a user has no fit here
+                continue
+            error = np.where(tested, power - data.drive_power, np.nan)
+            square = error * error
+            axis = [
+                float(np.sqrt(np.nanmean(square[:, k]))) if tested[:, k].any() else float("nan")
+                for k in self.joints
+            ]
+            accuracy = 1.0 - abs(float(np.nansum(weight * error)) / energy)
+            scores[way] = Score(accuracy, float(np.sqrt(np.nanmean(square))), tuple(axis))
         size = rms_of(data.drive_power[tested])
         return DriveComparison(split, int(tested.sum()), energy, size, scores)
-
-    def _score(
-        self, power: Float, tested: NDArray[np.bool_], weight: Float, energy: float
-    ) -> Score:
-        error = np.where(tested, power - self.data.drive_power, np.nan)
-        total = float(np.nansum(weight * error))
-        square = error * error
-        axis = [
-            float(np.sqrt(np.nanmean(square[:, k]))) if tested[:, k].any() else float("nan")
-            for k in self.joints
-        ]
-        return Score(1.0 - abs(total / energy), float(np.sqrt(np.nanmean(square))), tuple(axis))
 
     def _predict(self, joint: int, axis: AxisFit) -> dict[Way, Float]:
         """Power of one drive at all samples, by every way. [W]"""

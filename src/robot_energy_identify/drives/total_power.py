@@ -48,6 +48,7 @@ from robot_energy_identify.stats.systematic import (
 
 Structure = Literal["constant", "shaft", "shared", "axis_copper", "axis"]
 FAN = "fan"
+BY_LEVELS = "levels of recordings: "  # before the source of a fan that these show
 STRUCTURES: tuple[Structure, ...] = ("shaft", "shared", "axis_copper", "axis")
 
 NO_BETTER = PositiveFigure(

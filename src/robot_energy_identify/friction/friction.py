@@ -213,7 +213,9 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
             if not FRICTION_LAWS[name].follows_temperature:
                 raise
             warnings.append(f"{moving.name}: no {name} law, because {error.found}")
-    chosen = simplest({name: error.rms for name, error in errors.items()})
+    shown = [name for name in errors if FRICTION_LAWS[name].follows_temperature]
+    usable = shown if moving.follows_temperature and shown else list(errors)
+    chosen = simplest({name: errors[name].rms for name in usable})
     term = None
     if falls(fits["constant"], moving):
         try:

@@ -132,16 +132,14 @@ def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
     """Return one viscous coefficient for all temperatures, and its regression."""
     if one_speed(data):
         fit = _without_viscous(regress_friction(data, np.empty((len(data), 0)), []))
-        return ConstantLaw(law="constant", viscous=_in_coulomb(data, source)), fit
+        low, high = np.quantile(np.abs(data.motor_velocity), (0.1, 0.9))
+        text = f"in the Coulomb torque, which holds at {low:.3g} to {high:.3g} rad/s"
+        text += f": {source}" if source else ""
+        none = PositiveFigure(value=0.0, tag="assumed", source=text)
+        return ConstantLaw(law="constant", viscous=none), fit
     fit = regress_friction(data, np.ones((len(data), 1)), ["viscous"])
     value, std = float(fit.values[1]), float(fit.std[1])
     return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit
-
-
-def _in_coulomb(data: FrictionData, source: str) -> PositiveFigure:
-    low, high = np.quantile(np.abs(data.motor_velocity), (0.1, 0.9))
-    text = f"in the Coulomb torque, which holds at {low:.3g} to {high:.3g} rad/s"
-    return PositiveFigure(value=0.0, tag="assumed", source=f"{text}: {source}" if source else text)
 
 
 def _without_viscous(fit: Fit) -> Fit:

@@ -69,6 +69,11 @@ class FrictionData(Described):
         Int, "Of each sample, shape (N,); empty for a log, whose gears are not identified. [ns]"
     ] = field(default_factory=partial(np.empty, 0, dtype=np.int64))
     method: Method = "irls"
+    follows_temperature: Annotated[
+        bool,
+        "Whether the friction work of minutes that no fit has seen shows that viscous friction "
+        "follows the temperature, although the scatter of the samples may hide it.",
+    ] = False
     load: Annotated[
         Float,
         "Size of the rigid motor torque, shape (N,); empty where bodies are not modelled. [N m]",

@@ -92,15 +92,11 @@ class Fit(Described):
         """Return the deviations of one parameter by cause."""
         return {cause: float(part[place]) for cause, part in self.parts.items()}
 
-    def interval(self, confidence: float = 0.95) -> Float:
-        """Return half widths of the confidence intervals, shape (P,).
-
-        Args:
-            confidence: Share of the intervals that hold the truth. [-]
-        """
+    def interval(self) -> Float:
+        """Return half widths of the intervals of `CONFIDENCE`, shape (P,)."""
         from scipy.special import ndtri
 
-        return self.std * float(ndtri(0.5 + 0.5 * confidence))
+        return self.std * float(ndtri(0.5 + 0.5 * CONFIDENCE))
 
 
 Covariance = Callable[[Float, Float, Float], tuple[Float, Float, float]]

@@ -39,6 +39,7 @@ HIGHEST = np.array([np.log(36000.0), 1.0, np.log(300.0), np.log(150.0)])
 """Middle, spread and bounds of the figures: logarithm of the time constant [s]; G_m / (G_m + G_a);
 logarithm of the rise by the mean friction power [K]; logarithm of c [K]."""
 MAX_START = 40.0  # K of a gear from its motor, at the start of a recording
+SURE = 4.0  # standard deviations by which a temperature must show in the work of minutes
 SOAKED_SHARE = 0.0
 """`_Axis.share` of recordings of a soaked robot. Whether they are is for the data to say: in short
 ones a free start makes up for what the law of friction lacks."""
@@ -65,9 +66,9 @@ class GearRun(Described):
         return int((self.triangles[:, 0, 0] != 0.0).sum())
 
     @property
-    def rise(self) -> float:
-        """By which the motor warms. [K]"""
-        return float(np.ptp(self.motor_temperature_degc))
+    def warms_up(self) -> bool:
+        """Whether it shows a warm-up."""
+        return self.moving >= MIN_WINDOWS and float(np.ptp(self.motor_temperature_degc)) >= MIN_RISE
 
     def without(self, rows: NDArray[np.bool_]) -> GearRun:
         """Return the run without the friction of some windows; the temperatures stay.
@@ -253,7 +254,7 @@ def fit_gear(
             temperature predicts as well what the fit has not seen.
     """
     runs = gear_runs(data)
-    if not any(run.moving >= MIN_WINDOWS and run.rise >= MIN_RISE for run in runs):
+    if not any(run.warms_up for run in runs):
         raise NotIdentifiableError(
             f"{data.name}: no recording shows its gear warming up",
             f"{MIN_WINDOWS * WINDOW / 60.0:.0f} min of work in which its motor warms by "
@@ -295,11 +296,28 @@ def fit_gear(
     return fit, replace(data, motor_temperature_degc=followed, method="ols")
 
 
-def _held_out(runs: Sequence[GearRun], ambient: float, share: float) -> tuple[float, float]:
+def follows_temperature(data: FrictionData) -> bool:
+    """Return whether a warm-up shows that friction follows the temperature of the motor.
+
+    The work of unseen minutes is predicted better than by constant friction, by more than one
+    figure gains by chance. Single samples may scatter too much to show it.
+    """
+    runs = gear_runs(data)
+    if not any(run.warms_up for run in runs):
+        return False
+    constant_error, motor_error = _held_out(runs, 0.0, None)
+    chance = 1.0 + SURE**2 * CORRELATED / sum(run.moving for run in runs)
+    return motor_error < min(GAIN, chance**-0.5) * constant_error
+
+
+def _held_out(runs: Sequence[GearRun], ambient: float, share: float | None) -> tuple[float, float]:
     """Error of the friction work per minute, with gear and with motor, that the fits have not seen.
 
     Minutes of all recordings are left out in turn. The temperature of a gear does not need the
     torque of the minute that is predicted, but all work before it.
+
+    Args:
+        share: As of `_Axis`; None: with constant friction in place of the gear.
     """
     number, minutes = 0, list[Int]()
     for run in runs:
@@ -309,14 +327,20 @@ def _held_out(runs: Sequence[GearRun], ambient: float, share: float) -> tuple[fl
     for fold in range(FOLDS):
         left_out = [minute % FOLDS == fold for minute in minutes]
         train = _Axis(
-            [run.without(rows) for run, rows in zip(runs, left_out, strict=True)], ambient, share
+            [run.without(rows) for run, rows in zip(runs, left_out, strict=True)],
+            ambient,
+            share or 0.0,
         )
-        found = train.fit()
-        gears = train.degc(found.values, found.starts)
+        gears = [run.motor_temperature_degc for run in runs]
+        scale, linear = np.inf, train.residual(gears, np.inf)[0]
+        if share is not None:
+            found = train.fit()
+            gears = train.degc(found.values, found.starts)
+            scale, linear = float(np.exp(found.values[3])), found.linear
         motor_scale, motor_linear = train.fit_motor()
         for run, gear, minute, rows in zip(runs, gears, minutes, left_out, strict=True):
             seen = run.without(~rows)
-            measured, own = train.work(seen, gear, np.exp(found.values[3]), found.linear)
+            measured, own = train.work(seen, gear, scale, linear)
             _, motor = train.work(seen, run.motor_temperature_degc, motor_scale, motor_linear)
             sums = [np.bincount(minute - minute[0], each) for each in (measured, own, motor)]
             squares += [((each - sums[0]) ** 2).sum() for each in sums[1:]] + [sums[0] @ sums[0]]
@@ -400,6 +424,7 @@ def fit_gears(
     for place, axis in enumerate(axes):
         if not warm[place]:
             continue
+        used[place] = axis = replace(axis, follows_temperature=follows_temperature(axis))
         try:
             fit, used[place] = fit_gear(axis, ambient, source)
             fits.append(fit)

@@ -125,7 +125,11 @@ def _run(args: Namespace) -> int:
             if getattr(args, "waits", False):
                 scale = replace(scale, waits=True) if args.quick else paper.WAITS
             result = paper.study(StudyRun(folder / BAGS, args.seed, workers, report), scale)
-        context = {**page.context(result), "command": _command(args)}
+        # the command line that makes this page, without where and how fast
+        words = [f" --{word}" for word in ("quick", "waits") if getattr(args, word, False)]
+        words += [f" --seed {args.seed}"] * bool(args.seed)
+        command = f"robot-energy reproduce {args.paper}{''.join(words)}"
+        context = {**page.context(result), "command": command}
         write_page(document(name, context, page.pieces(result), package), folder / REPORT)
         write_json(str(folder / FIGURES), page.figures(result))
         written = [REPORT, FIGURES]
@@ -169,13 +173,6 @@ def _is_bag(path: Path) -> bool:
     from robot_energy.bag.metadata import foreign_entries  # imports much, at every command
 
     return path.is_dir() and not path.is_symlink() and not foreign_entries(path)
-
-
-def _command(args: Namespace) -> str:
-    """The command line that makes this page, without where and how fast."""
-    seed = f" --seed {args.seed}" if args.seed else ""
-    words = [f" --{word}" for word in ("quick", "waits") if getattr(args, word, False)]
-    return f"robot-energy reproduce {args.paper}{''.join(words)}{seed}"
 
 
 STUDIES = (

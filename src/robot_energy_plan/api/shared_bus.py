@@ -13,7 +13,6 @@ from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
-from robot_energy.replay.options import ReplayOptions
 from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.load_motion import BAG, load_motion
@@ -95,9 +94,12 @@ def shared_bus(
         kind = "recordings" if all(recorded) else "programs"
         raise MotionError(f"{unused[0].replace('_', ' ')} does not apply to {kind}", "leave it out")
     if all(recorded):
-        robots = [
-            _replayed(path, model, options) for path, model in zip(motions, used, strict=True)
-        ]
+        robots = [BusRobot(str(path), model) for path, model in zip(motions, used, strict=True)]
+        for robot, path in zip(robots, motions, strict=True):
+            found = replay(path, robot.model, ReplaySetup.of(options), on_output=robot.take)
+            robot.problems += found.problems
+            if not found.topics.temperatures:
+                robot.notes.append(f"no motor temperatures were recorded in {path}")
         notes = [
             "the recordings were made at different times and count as begun at once"
         ] * same_start
@@ -117,12 +119,3 @@ def _is_recording(path: str | Path, topic: str | None) -> bool:
     if not place.exists():
         raise MotionError(f"there is no program or bag '{path}'", "a file or a bag")
     return (place.suffix.lower() in BAG or place.is_dir()) and not holds_trajectory(place, topic)
-
-
-def _replayed(path: str | Path, model: RobotModel, options: ReplayOptions) -> BusRobot:
-    robot = BusRobot(str(path), model)
-    found = replay(path, model, ReplaySetup.of(options), on_output=robot.take)
-    robot.problems += found.problems
-    if not found.topics.temperatures:
-        robot.notes.append(f"no motor temperatures were recorded in {path}")
-    return robot

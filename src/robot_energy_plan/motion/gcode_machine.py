@@ -115,7 +115,12 @@ class ProgramMachine:
             self.motion = moving[0]
         given = [axis for axis in AXES if axis in values]
         if "F" in values:
-            self._set_feed(values["F"])
+            self.feed = values["F"] * self.unit / MINUTE
+            if not MIN_SPEED <= self.feed <= MAX_SPEED:
+                raise self._error(
+                    f"the feed F{values['F']:g} is {self.feed:g} m/s",
+                    f"{MIN_SPEED:g} to {MAX_SPEED:g} m/s",
+                )
         if {4, 92} & set(codes):
             return
         if given or (self.motion in (2, 3) and set(ARC_WORDS) & set(values)):
@@ -284,14 +289,6 @@ class ProgramMachine:
                 self.offset[index] = self.position[index] - given[axis] * self.unit
                 self.known.add(axis)
         self.extruder = given.get("E", self.extruder)
-
-    def _set_feed(self, value: float) -> None:
-        feed = value * self.unit / MINUTE
-        if not MIN_SPEED <= feed <= MAX_SPEED:
-            raise self._error(
-                f"the feed F{value:g} is {feed:g} m/s", f"{MIN_SPEED:g} to {MAX_SPEED:g} m/s"
-            )
-        self.feed = feed
 
     def _extruded(self, values: dict[str, float]) -> float:
         """How much material the line feeds, in units of the program; < 0: is drawn back."""

@@ -110,7 +110,8 @@ def pages(joint_names: Sequence[str]) -> list[Page]:
             found.append(Page(totals, _totals(topic, numbers)))
         if by_joint:
             arrays = [number for number in numbers if number.array]
-            nested = _nested(kind)
+            entries, _ = _fields(kind).get(JOINTS, ("", ""))
+            nested = _numbers(entries.removesuffix("[]")) if entries else []
             plots = [_by_joint(topic, number, joint_names, False) for number in arrays]
             plots += [_by_joint(topic, number, joint_names, True) for number in nested]
             found.append(Page(by_joint, tuple(plots)))
@@ -168,12 +169,6 @@ def _numbers(kind: str) -> list[_Number]:
             leaf(schema, name, msgtype)  # as bags have it
             found.append(_Number(name, unit, written.endswith("[]")))
     return found
-
-
-def _nested(kind: str) -> list[_Number]:
-    """Every float64 of the entries of `joints`, if the message has them."""
-    written = _fields(kind).get(JOINTS, ("", ""))[0]
-    return _numbers(written.removesuffix("[]")) if written else []
 
 
 def _fields(kind: str) -> dict[str, tuple[str, str]]:

@@ -234,13 +234,9 @@ def rqt(pages: Sequence[Page]) -> str:
 
 def _group(**content: Any) -> dict[str, Any]:
     """Make a group of settings; a value that is itself a group becomes one inside."""
-    inner = {name: each for name, each in content.items() if _is_group(each)}
+    inner: dict[str, Any] = {name: each for name, each in content.items() if isinstance(each, dict)}
     keys = {name: _value(each) for name, each in content.items() if name not in inner}
     return {"keys": keys, "groups": inner}
-
-
-def _is_group(value: Any) -> bool:
-    return isinstance(value, dict) and set(value) == {"keys", "groups"}  # pyright: ignore[reportUnknownArgumentType]
 
 
 def _value(value: Any) -> dict[str, str]:

@@ -76,7 +76,9 @@ class Period(Described):
                 day = local.date() + timedelta(days=step * (7 if self.kind == "week" else 1))
                 begin = day_begin(day, self.zone)
             case "month" | "year":
-                begin = day_begin(_first_day(local.date(), self.kind, step), self.zone)
+                months = step if self.kind == "month" else 12 * step
+                year, month = divmod(local.year * 12 + local.month - 1 + months, 12)
+                begin = day_begin(date(year, month + 1, 1), self.zone)
             case _:
                 length = self.stop_ns - self.start_ns
                 return Period(
@@ -178,11 +180,6 @@ def instant(text: str, zone: ZoneInfo) -> int:
     if not 0 <= stamp_ns < MAX_NS:
         raise HistoryError(f"time '{text[:40]}'", "one from 1970 to 2190")
     return stamp_ns // MINUTE_NS * MINUTE_NS
-
-
-def _first_day(day: date, kind: str, step: int) -> date:
-    months = day.year * 12 + day.month - 1 + (step if kind == "month" else 12 * step)
-    return date(months // 12, months % 12 + 1, 1)
 
 
 MAX_SERIES = 8  # bars of one part of the time; further robots or joints are summed up

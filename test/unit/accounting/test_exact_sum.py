@@ -83,10 +83,10 @@ def test_short_blocks_wait_and_are_taken_back():
         if row % 700 == 0:
             assert short.microjoule[0] == np.rint(energy[: row + 1, 0].sum() * 1e6 - 0.5)  # read
         if row % 300 == 299:  # before and after what waits was added
-            mark = taken_back.mark()
+            undo = taken_back.mark()
             taken_back.add(energy[:row])
             assert taken_back.joule[1] != short.joule[1]
-            taken_back.go_back(mark)
+            undo()
     for each in (short, taken_back):
         np.testing.assert_array_equal(each.microjoule, whole.microjoule)
         np.testing.assert_array_equal(each.remainder, whole.remainder)

@@ -34,12 +34,13 @@ def test_reading_and_cutting_change_nothing():
     whole.count(block, energy, duration_ns)
     for row in range(0, SIZE, 7):
         rows = slice(row, row + 7)
-        mark = cut.mark()
+        undo = cut.mark()
         cut.count(block[rows], energy[rows] + 1.0, duration_ns[rows])  # taken back at once
         if row % 3 == 0:
             assert cut.samples == min(row + 7, SIZE)
             assert cut.peak_power > 0.0
-        cut.go_back(mark)
+        for each in undo:
+            each()
         cut.count(block[rows], energy[rows], duration_ns[rows])
     for one in (whole, cut):
         assert one.samples == SIZE

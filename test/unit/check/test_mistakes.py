@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import robot_energy as re
-from mistakes import both, mistakes, rewrite, scaled, turned
+from mistakes import both, delayed, mistakes, rewrite, scaled, turned
 from places import ROOT
 from robot_energy.foundation.errors import RobotEnergyError
 from robot_energy.inputs.inputs_file import read_inputs
@@ -303,6 +303,15 @@ def test_temperatures_missing_of_a_joint_are_named(tmp_path):
         if entry.cause == "temperature_missing"
     ]
     assert found.subject == (NAMES[JOINT],)
+
+
+@pytest.mark.parametrize("late", [-4.0, 7.3])
+def test_a_clock_that_is_seconds_off_is_found(late, tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", None, delayed(late))
+    (found,) = [
+        one for one in check(bag, load("kr16"), MOTOR_TORQUE).findings if one.cause == "meter_clock"
+    ]
+    assert found.evidence == pytest.approx(late, abs=0.1)
 
 
 def test_without_torque_the_other_checks_are_made():

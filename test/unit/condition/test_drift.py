@@ -11,6 +11,7 @@ from robot_energy.condition import wear_records
 from robot_energy.condition.baseline import BRIEF_HOURS, Contrasts
 from robot_energy.condition.drift import MAX_RECORDS, DriftTest
 from robot_energy.condition.joint_friction import SPEED_BUCKETS
+from robot_energy.condition.record import ContrastEntry
 from robot_energy.condition.wear_records import (
     DEGC_BUCKETS,
     FEATURES,
@@ -186,7 +187,7 @@ def test_it_continues_as_if_nothing_had_happened():
     whole, _ = outcome_of_step(0.15)
     before, _ = outcome_later(step(0.15, 500))
     again = DriftTest()
-    contrasts = Contrasts.restored(before.contrasts.state())
+    contrasts = Contrasts.restored(ContrastEntry.of(before.contrasts))
     again.restore(before.records, before.changes, contrasts, before.programs)
     assert again.drift == before.drift
     for each in list(step(0.15))[500:]:
@@ -254,7 +255,7 @@ def test_levels_of_programs_survive_merging_and_a_restart():
     columns = [FEATURES + OWN * number for number in range(3)]
     found = test.contrasts.baseline().mean[columns]
     np.testing.assert_allclose(found, level[1:] - level[0], atol=0.002)
-    kept = Contrasts.restored(test.contrasts.state())
+    kept = Contrasts.restored(ContrastEntry.of(test.contrasts))
     np.testing.assert_array_equal(kept.baseline().mean, test.contrasts.baseline().mean)
 
 

@@ -195,9 +195,11 @@ def test_before_a_gear_has_begun_its_unknown_temperature_is_in_the_deviation():
     assert apart == pytest.approx(spread * viscous(MOTOR) * SPEED**2, rel=0.03)
 
 
-def _shoulder(seconds, gear, motor=WORKED):
-    """The deviation by the temperature and the viscous friction of a shoulder without a gear."""
+def _shoulder(seconds, gear, motor=WORKED, torque=None, meter=None, factor=1.0):
+    """Power of an arm whose shoulder turns and has no gear, but its elbow may have one."""
     data = robots.two_link_data()
+    for figure in ("a", "b"):
+        data["joints"][0]["friction"]["viscous"][figure]["value"] *= factor
     if gear:
         data["joints"][1]["gear"] = wheel().joints[0].gear.model_dump()
     ambient = {**robots.figure(AIR), "std": 0.5}
@@ -206,21 +208,29 @@ def _shoulder(seconds, gear, motor=WORKED):
     )
     stamp = np.arange(100.0, 100.0 + seconds, 0.5)
     velocity = np.column_stack([np.ones(len(stamp)), np.zeros(len(stamp))])
-    block = robots.joint_block(stamp, velocity * stamp[:, None], velocity, np.zeros_like(velocity))
-    read = TemperatureBlock(np.arange(100, 100 + seconds) * S, np.full((seconds, 2), motor))
-    power = played(EnergyPipeline(model), block, read)
-    return np.asarray(power.deviation)[:, TEMPERATURE], power.viscous[:, 0]
+    block = robots.joint_block(
+        stamp, velocity * stamp[:, None], velocity, np.zeros_like(velocity), torque
+    )
+    at = np.arange(100, 100 + seconds)
+    read = TemperatureBlock(at * S, np.tile(motor + 0.1 * (at % 2), (2, 1)).T)  # is not stuck
+    effort = EffortMeaning.NONE if torque is None else EffortMeaning.MOTOR_TORQUE
+    return played(EnergyPipeline(model, Settings(effort=effort)), block, read, meter=meter)
+
+
+def _shoulder_law(degc):
+    return 1e-4 + 1e-3 * np.exp(-degc / 20.0)
+
+
+def _spread(power):
+    return np.asarray(power.deviation)[:, TEMPERATURE]
 
 
 def test_a_joint_whose_gear_no_recording_shows_has_the_deviation_of_its_start():
     """It is as wide as of joints whose gear is known, and fades with the slowest of these."""
-    (spread, followed), (without, motor) = (_shoulder(1200, gear) for gear in (True, False))
-    assert (followed == motor).all()  # its friction is still that of the motor
-    assert (without == 0.0).all()
-
-    def law(degc):
-        return 1e-4 + 1e-3 * np.exp(-degc / 20.0)
-
+    geared, without = (_shoulder(1200, gear) for gear in (True, False))
+    assert (geared.viscous == without.viscous).all()  # its friction is still that of the motor
+    assert (_spread(without) == 0.0).all()
+    spread, law = _spread(geared), _shoulder_law
     start = 1.0 + 0.3 * (WORKED - AIR)
     time = CAPACITY / (TO_MOTOR + TO_AIR)
     for at in (11.0, 600.0, 1150.0):
@@ -230,5 +240,26 @@ def test_a_joint_whose_gear_no_recording_shows_has_the_deviation_of_its_start():
 
 
 def test_a_cold_joint_whose_gear_no_recording_shows_is_as_warm_as_its_motor():
-    warm, cold = (_shoulder(20, True, motor)[0][-1] for motor in (WORKED, AIR))
+    warm, cold = (_spread(_shoulder(20, True, motor))[-1] for motor in (WORKED, AIR))
     assert 0.0 < cold < 0.4 * warm
+
+
+@pytest.mark.parametrize("meter", [False, True])
+def test_torque_or_a_meter_corrects_a_joint_whose_gear_no_recording_shows(meter):
+    """The oil of the shoulder is 8 K warmer than its motor, and stays so."""
+    factor = 50.0  # much friction, so that a meter sees it
+    blind = _shoulder(1200, True, factor=factor)
+    true = factor * _shoulder_law(WORKED + 8.0)
+    less = true - factor * _shoulder_law(WORKED)
+    given = {"torque": blind.motor_torque + np.array([less * 100.0, 0.0])}
+    if meter:
+        stamp = blind.stamp_ns[2::2]
+        unknown = np.full(len(stamp), np.nan)
+        seen = (blind.grid_power + less * 100.0**2)[2::2]
+        kind = MeterMeaning.INSTANTANEOUS, MeterLocation.GRID
+        given = {"meter": MeterBlock(stamp, seen, unknown, unknown, *kind)}
+    corrected = _shoulder(1200, True, factor=factor, **given)
+    assert 0.0 < corrected.viscous[1200, 0] - true < -0.5 * less  # after ten minutes
+    assert _spread(corrected)[1200] < 0.8 * _spread(blind)[1200]
+    without = _shoulder(1200, False, factor=factor, **given)
+    assert (without.viscous == blind.viscous).all()

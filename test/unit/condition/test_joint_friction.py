@@ -12,6 +12,7 @@ from robot_energy.condition.joint_friction import (
     FrictionLearner,
     MotionReader,
 )
+from robot_energy.condition.record import FrictionRecord
 from robot_energy.timeline.blocks import Quality
 
 RATE = 100
@@ -124,7 +125,7 @@ def test_a_missing_temperature_counts_as_that_of_the_model():
 
 def test_it_continues_from_its_record():
     learner, again = taught(), FrictionLearner(2)
-    again.restore(type(learner.state()).model_validate_json(learner.state().model_dump_json()))
+    FrictionRecord.from_json(FrictionRecord.of(learner).to_json()).put_into(again)
     for each in (learner, again):
         block = second(99, (0.7, 0.7), 1.5)
         each.step(READER.read(block, block.friction_power))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.condition.meter_fit import MeterFit
+from robot_energy.condition.record import MeterRecord
 from robot_energy.foundation.errors import StateFileError
 
 LOSS = 300.0
@@ -68,10 +69,10 @@ def test_windows_that_are_no_numbers_are_counted(bad):
 
 def test_it_continues_from_its_record():
     fit, again = taught(1.3, 45.0, 60, 30.0), MeterFit(LOSS)
-    again.restore(type(fit.state()).model_validate_json(fit.state().model_dump_json()))
+    MeterRecord.from_json(MeterRecord.of(fit).to_json()).put_into(again)
     for each in (fit, again):
         each.step(5.0, 5000.0, 300.0, 700.0)
     assert again.raw == fit.raw
     assert again.std == fit.std
     with pytest.raises(StateFileError, match="numbers in one array"):
-        again.restore(fit.state().model_copy(update={"target": (1.0,)}))
+        MeterRecord.of(fit).model_copy(update={"target": (1.0,)}).put_into(again)

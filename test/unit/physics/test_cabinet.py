@@ -129,6 +129,17 @@ def test_within_its_deviation_a_fan_counts_by_the_probability_that_it_runs():
     np.testing.assert_allclose(stage.step(warmest[:, None]), expected, atol=1e-12)
 
 
+def test_at_the_first_temperature_half_of_the_fans_between_stop_and_start_run():
+    """It stops uniformly from 37 to 43 and starts from 42 to 48 degC, 5 K above.
+
+    At 42 degC 5/6 have not stopped and none has started: 5/12 of 30 W run.
+    """
+    stage = FanStage(cabinet_with_fan(std=3.0 / np.sqrt(3.0)))
+    unknown = np.full((1, 1), np.nan)
+    np.testing.assert_allclose(stage.step(unknown), 15.0)
+    np.testing.assert_allclose(stage.step(np.array([[42.0], [42.0], [43.5]])), [12.5, 12.5, 12.5])
+
+
 def test_above_its_start_a_fan_runs_even_if_its_hysteresis_is_smaller_than_the_deviation_of_that():
     """It stops uniformly from 44 - 3.5 to 44 + 3.5 degC, which 45.1 degC does not exclude."""
     stage = FanStage(cabinet_with_fan({**figure(1.0), "std": 2.0}))

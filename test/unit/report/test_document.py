@@ -25,6 +25,13 @@ def test_an_optional_column_is_shown_where_one_row_has_something(reasons, shown)
     assert ("reason" in read(page_html(document)).cells) is shown
 
 
+def test_a_table_without_rows_is_left_out() -> None:
+    page = Document("Nothing")
+    page.rows("none", [Column("a", "a"), Column("b", "b", total=max)], [], "all")
+    page.table("none", ("a",), [])
+    assert page.parts == []
+
+
 def test_what_is_written_for_a_terminal_is_read_from_the_page() -> None:
     document = Document("A title", "what it is")
     document.table("watts", ("joint", "P [W]"), [("a<1>", "1.5")], ("total", "1.5"))

@@ -12,14 +12,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.encode import Encoder, stamp_columns
-from robot_energy.bag.cdr.plan import Column, Plan, View, make_plan, nested, read
 from robot_energy.bag.cdr.schema import (
     ScalarField,
     StringField,
@@ -33,9 +32,15 @@ from robot_energy.bag.cdr.walk import (
     HEADER_SIZE,
     MAX_PARTS,
     MAX_TRAILING,
+    Column,
     Malformed,
+    Plan,
     Slot,
+    View,
     Walk,
+    make_plan,
+    nested,
+    read,
     walk,
 )
 from robot_energy.foundation.errors import MessageTypeError
@@ -58,17 +63,15 @@ _MAX_LONELY = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """Messages of one layout.
+    """Messages of one layout."""
 
-    Attributes:
-        rows: Their indices in the batch, ascending, int64, shape (m,).
-        columns: Per field path: number (m,), numbers (m, k), one more axis per array of messages
-            passed; str or (nested) tuple of str for strings, the same for the whole run; a tuple
-            of arrays where inner arrays differ in length.
-    """
-
-    rows: NDArray[np.int64]
-    columns: dict[str, Column]
+    rows: Annotated[NDArray[np.int64], "Their indices in the batch, ascending, int64, shape (m,)."]
+    columns: Annotated[
+        dict[str, Column],
+        "Per field path: number (m,), numbers (m, k), one more axis per array of messages "
+        "passed; str or (nested) tuple of str for strings, the same for the whole run; a tuple "
+        "of arrays where inner arrays differ in length.",
+    ]
 
     def array(self, path: str) -> NDArray[Any]:
         """Return a numeric column, shape (m, ...)."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.bag.cdr.plan import Plan, View, make_plan, nested, plan_shape, write
 from robot_energy.bag.cdr.schema import (
     ArrayField,
     Node,
@@ -22,7 +21,16 @@ from robot_energy.bag.cdr.schema import (
     tree,
 )
 from robot_energy.bag.cdr.types import typestore
-from robot_energy.bag.cdr.walk import HEADER_SIZE, walk
+from robot_energy.bag.cdr.walk import (
+    HEADER_SIZE,
+    Plan,
+    View,
+    make_plan,
+    nested,
+    plan_shape,
+    walk,
+    write,
+)
 from robot_energy.foundation.errors import MessageTypeError, ShapeError
 
 _FITTING = {"f": "fiub", "i": "iub", "u": "iub"}
@@ -37,9 +45,6 @@ class Encoder:
             empty), tuple of str for a string sequence or for the string of each element of an
             array of messages (which also fixes the length), number or tuple of numbers for a
             numeric field.
-
-    Attributes:
-        fields: Paths of the numeric fields that ``encode`` needs.
     """
 
     def __init__(
@@ -77,7 +82,7 @@ class Encoder:
             values = np.asarray(self._constants[path])
             self._write(path, plan, row, values[None] if values.shape == shape != () else values)
         self._plans = plans
-        self.fields = tuple(plans)
+        self.fields = tuple(plans)  # paths of the numeric fields that ``encode`` needs
 
     def encode(self, columns: Mapping[str, ArrayLike], n: int) -> NDArray[np.uint8]:
         """Return ``n`` serialized messages, uint8, shape (n, size), little endian.

@@ -61,8 +61,7 @@ class ArrayField:
     size: int
 
 
-MAX_DEPTH = 30
-"""Messages inside messages; those of ROS reach eight."""
+MAX_DEPTH = 30  # messages inside messages; those of ROS reach eight
 MAX_FIELDS = 10_000
 """Fields of one message with all that it is made of; the largest of ROS have some hundreds."""
 

@@ -25,8 +25,7 @@ _IDL_INCLUDE = re.compile(r"^[ \t]*#include.*$", re.MULTILINE)
 """Between the parts of a definition in IDL, and what names the parts, which the parser refuses."""
 MAX_DEFINITION = 256 * 1024
 """Longest definition of a message with all that it is made of; those of ROS reach 60,000."""
-MAX_DEFINITIONS = 4 * 2**20
-"""All definitions of a bag that are parsed. [characters]"""
+MAX_DEFINITIONS = 4 * 2**20  # all definitions of a bag that are parsed [characters]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _MSG_FOLDER = Path(__file__).parent / "msg"
 # Of packages that need not be installed, as far as they are read here, and the most frequent ones

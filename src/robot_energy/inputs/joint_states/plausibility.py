@@ -6,11 +6,12 @@ A velocity beyond the robot that its positions do not support is refused; others
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import Mask
 from robot_energy.inputs.joint_states.publisher_conflicts import shortest
 from robot_energy.inputs.parameters import POSITIONS
@@ -44,23 +45,17 @@ IMPOSSIBLE_VELOCITY = "impossible_velocity"  # the reason under which such messa
 MIN_SUPPORT = 0.25  # share of a velocity that the step of the position must show
 
 
-@dataclass(frozen=True)
-class JointStateProblem:
-    """Something that makes joint states doubtful.
-
-    Attributes:
-        first_ns: Stamp of the first sample concerned. [ns]
-        severe: Whether samples cannot be used because of it.
-        everywhere: Whether it concerns all samples, so that no figure is right.
-        setting: Line of the parameter file that mends it, where one does.
-    """
+class JointStateProblem(Described):
+    """Something that makes joint states doubtful."""
 
     sentence: str
-    first_ns: int
+    first_ns: Annotated[int, "Stamp of the first sample concerned. [ns]"]
     last_ns: int
-    severe: bool = False
-    everywhere: bool = False
-    setting: str = ""
+    severe: Annotated[bool, "Whether samples cannot be used because of it."] = False
+    everywhere: Annotated[bool, "Whether it concerns all samples, so that no figure is right."] = (
+        False
+    )
+    setting: Annotated[str, "Line of the parameter file that mends it, where one does."] = ""
 
 
 class _Seen:
@@ -88,9 +83,6 @@ class Plausibility:
     wrong unit, or another robot with the same names of joints); all joints exactly zero for
     five seconds (a driver without a robot); and, on some of the samples, velocities that
     the positions contradict (deg/s, a wrong sign, zeros of a driver that knows no velocity).
-
-    Args:
-        limits: Limits from the URDF; None to look at zeros and velocities only.
     """
 
     def __init__(self, joint_names: Sequence[str], limits: JointLimits | None = None) -> None:
@@ -116,11 +108,7 @@ class Plausibility:
         self._ratio = (0, 1.0)  # joint and ratio of the last verdict
 
     def step(self, block: JointBlock) -> None:
-        """Look at samples in time order and mark them in place.
-
-        Args:
-            block: Samples; those concerned get ``JOINT_STATE_IMPLAUSIBLE``.
-        """
+        """Look at samples in time order; set ``JOINT_STATE_IMPLAUSIBLE`` in place."""
         beyond = (block.joint_position > self._high) | (block.joint_position < self._low)
         beyond |= np.abs(block.joint_velocity) > self._fastest
         if bool(beyond.any()):

@@ -45,15 +45,11 @@ BROKEN = np.uint32(Quality.AFTER_GAP)  # something is missing right before a sam
 
 
 class _Repeats:
-    """Counts the steps of a moving robot after values that its driver has repeated.
-
-    Attributes:
-        hold: How long values stand. [s]
-    """
+    """Counts the steps of a moving robot after values that its driver has repeated."""
 
     def __init__(self) -> None:
         self.count = self.first_ns = self.last_ns = self.messages = 0
-        self.hold = 0.0
+        self.hold = 0.0  # how long values stand [s]
 
     def note(self, stamp_ns: Int, elapsed: Int, held: Int, repeated: Mask) -> None:
         """Take samples.

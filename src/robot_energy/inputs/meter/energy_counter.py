@@ -15,6 +15,7 @@ wraps at a known value continues exactly instead.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -30,20 +31,14 @@ Level = tuple[int, int, float]  # start, end [ns], power [W]
 
 @dataclass
 class _Doubt:
-    """Readings that do not continue the count.
-
-    Attributes:
-        first: The first reading. [J]
-        last: The newest reading. [J]
-        unbroken: Whether no gap lies between the count and them.
-    """
+    """Readings that do not continue the count."""
 
     high: bool
     first_ns: int
-    first: float
-    last: float
+    first: Annotated[float, "The first reading. [J]"]
+    last: Annotated[float, "The newest reading. [J]"]
     count: int
-    unbroken: bool
+    unbroken: Annotated[bool, "Whether no gap lies between the count and them."]
 
 
 class EnergyCounterDecoder:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Any
 
 from robot_energy.foundation.errors import ParameterError
@@ -127,113 +128,72 @@ class MeterSource:
     )
 
     def __post_init__(self) -> None:
-        if not self.pair and not self.topic:
-            raise ParameterError("topic is empty", "the topic of the readings")
-        if self.reading.says_all:
-            self._refuse_what_a_reading_says()
-        else:
-            self._check_topics()
-            self._check_unit()
-            self._check_meaning()
-        if self.wraps_at and not (self.cumulative or self.reading.says_all):
-            raise ParameterError("wraps_at is given for a power", "a unit of energy, or 0")
+        for wrong, found, expected in self._faults():
+            if wrong:
+                raise ParameterError(found, expected)
 
-    def _refuse_what_a_reading_says(self) -> None:
-        spoken = {
-            "quantity": self.quantity != BY_TYPE,
-            "unit": self.unit != BY_TYPE,
-            "meaning": self.meaning != BY_TYPE,
-            "location": self.location != BY_TYPE,
-            "interval": self.interval != 0.0,
-            "stamp_at": self.stamp_at != END,
-            "value_path": bool(self.value_path),
-            "voltage_topic": self.pair,
-        }
-        wrong = [name for name, given in spoken.items() if given]
-        if wrong:
-            raise ParameterError(
-                f"{', '.join(wrong)} given for {_name(self.type)}, whose messages state that "
-                "themselves",
-                f"another type, such as {FLOAT64}",
-            )
-
-    def _check_topics(self) -> None:
-        if bool(self.voltage_topic) != bool(self.current_topic):
-            lone = "voltage_topic" if self.voltage_topic else "current_topic"
-            raise ParameterError(f"{lone} is given alone", "voltage_topic and current_topic")
-        kind = self.reading
-        if self.pair and not kind.pairs:
-            types = " or ".join(name for name, each in METER_KINDS.items() if each.pairs)
-            raise ParameterError(f"a pair of topics of type {self.type}", types)
-        if self.pair and self.voltage_topic == self.current_topic:
-            raise ParameterError("voltage_topic and current_topic are the same", "two topics")
-        if kind.headed is False and self.stamp_source == HEADER:
-            raise ParameterError(
-                f"stamp_source is header, which {_name(self.type)} does not have", RECEIVE
-            )
-        if kind.fields and self.value_path:
-            raise ParameterError(
-                f"value_path is given for {_name(self.type)}, whose number is known",
-                "another type, or no value_path",
-            )
-        if not kind.fields and not self.value_path:
-            raise ParameterError(
-                f"type is {self.type} but value_path is empty",
-                "the path of the number in its messages",
-            )
-        if self.location == BY_TYPE and not kind.location:
-            raise ParameterError(
-                f"location is by_type, which {_name(self.type)} does not say",
-                " or ".join(LOCATIONS),
-            )
-
-    def _check_unit(self) -> None:
-        kind = self.reading
-        implied, quantity = ("W", "power") if self.pair else (kind.unit, kind.quantity)
-        if implied:
-            if self.unit not in (BY_TYPE, implied) or self.quantity not in (BY_TYPE, quantity):
-                what = "voltage times current" if self.pair else kind.label
-                raise ParameterError(
-                    f"a unit or quantity other than {quantity} in {implied} given for {what}",
-                    "by_type, and scale where the numbers are in other units",
-                )
+    def _faults(self) -> Iterator[tuple[bool, str, str]]:
+        """Whether something is wrong, what, and what was expected, one after the other."""
+        kind, name = self.reading, self.type.rpartition("/")[2]
+        yield not (self.pair or self.topic), "topic is empty", "the topic of the readings"
+        if kind.says_all:
+            said = {
+                "quantity": self.quantity != BY_TYPE,
+                "unit": self.unit != BY_TYPE,
+                "meaning": self.meaning != BY_TYPE,
+                "location": self.location != BY_TYPE,
+                "interval": self.interval != 0.0,
+                "stamp_at": self.stamp_at != END,
+                "value_path": bool(self.value_path),
+                "voltage_topic": self.pair,
+            }
+            given = ", ".join(compress(said, said.values()))
+            found = f"{given} given for {name}, whose messages state that themselves"
+            yield bool(given), found, f"another type, such as {FLOAT64}"
             return
-        if self.unit == BY_TYPE:
-            raise ParameterError(
-                f"unit is by_type, which {_name(self.type)} does not say",
-                f"one of {', '.join((*POWER_UNITS, *ENERGY_UNITS))}",
-            )
-        units = {"power": POWER_UNITS, "energy": ENERGY_UNITS}.get(self.quantity)
-        if units is not None and self.unit not in units:
-            raise ParameterError(
-                f"quantity is {self.quantity} but unit is {self.unit}",
-                f"one of {', '.join(units)}",
-            )
-
-    def _check_meaning(self) -> None:
-        counts = self.meaning == "cumulative"
-        if self.meaning != BY_TYPE and counts != self.cumulative:
-            raise ParameterError(
-                f"meaning is {self.meaning} but the reading is "
-                f"{'an energy' if self.cumulative else 'a power'}",
-                "cumulative for energy, and only for it",
-            )
-        known = self.cumulative or self.pair or self.reading.instantaneous
-        if self.meaning == BY_TYPE and not known:
-            raise ParameterError(
-                f"meaning is by_type, which {_name(self.type)} does not say",
-                "instantaneous or mean_over_interval",
-            )
-        mean = self.meaning == "mean_over_interval"
-        if mean != (self.interval > 0):
-            raise ParameterError(
-                f"meaning is {self.meaning} and interval is {self.interval:g} s",
-                "an interval above 0 for mean_over_interval, and only for it",
-            )
-        if self.stamp_at != END and not mean:
-            raise ParameterError(
-                f"stamp_at is {self.stamp_at} but meaning is {self.meaning}", "mean_over_interval"
-            )
+        pair, both = "voltage_topic and current_topic", self.voltage_topic and self.current_topic
+        lone = "voltage_topic" if self.voltage_topic else "current_topic"
+        yield self.pair and not both, f"{lone} is given alone", pair
+        types = " or ".join(each for each, other in METER_KINDS.items() if other.pairs)
+        yield self.pair and not kind.pairs, f"a pair of topics of type {self.type}", types
+        same = self.voltage_topic == self.current_topic
+        yield self.pair and same, f"{pair} are the same", "two topics"
+        headless = kind.headed is False and self.stamp_source == HEADER
+        yield headless, f"stamp_source is header, which {name} does not have", RECEIVE
+        found = f"value_path is given for {name}, whose number is known"
+        yield bool(kind.fields and self.value_path), found, "another type, or no value_path"
+        found = f"type is {self.type} but value_path is empty"
+        yield not (kind.fields or self.value_path), found, "the path of the number in its messages"
+        nowhere = self.location == BY_TYPE and not kind.location
+        yield nowhere, f"location is by_type, which {name} does not say", " or ".join(LOCATIONS)
+        implied, quantity = ("W", "power") if self.pair else (kind.unit, kind.quantity)
+        what = "voltage times current" if self.pair else kind.label
+        other = self.unit not in (BY_TYPE, implied) or self.quantity not in (BY_TYPE, quantity)
+        found = f"a unit or quantity other than {quantity} in {implied} given for {what}"
+        expected = "by_type, and scale where the numbers are in other units"
+        yield bool(implied) and other, found, expected
+        units = ", ".join((*POWER_UNITS, *ENERGY_UNITS))
+        unknown = not implied and self.unit == BY_TYPE
+        yield unknown, f"unit is by_type, which {name} does not say", f"one of {units}"
+        fitting = {"power": POWER_UNITS, "energy": ENERGY_UNITS}.get(self.quantity, (self.unit,))
+        found = f"quantity is {self.quantity} but unit is {self.unit}"
+        yield not implied and self.unit not in fitting, found, f"one of {', '.join(fitting)}"
+        counts, mean = self.meaning == "cumulative", self.meaning == "mean_over_interval"
+        energy = "an energy" if self.cumulative else "a power"
+        found = f"meaning is {self.meaning} but the reading is {energy}"
+        other = self.meaning != BY_TYPE and counts != self.cumulative
+        yield other, found, "cumulative for energy, and only for it"
+        known = self.cumulative or self.pair or kind.instantaneous
+        found = f"meaning is by_type, which {name} does not say"
+        expected = "instantaneous or mean_over_interval"
+        yield self.meaning == BY_TYPE and not known, found, expected
+        found = f"meaning is {self.meaning} and interval is {self.interval:g} s"
+        expected = "an interval above 0 for mean_over_interval, and only for it"
+        yield mean != (self.interval > 0), found, expected
+        found = f"stamp_at is {self.stamp_at} but meaning is {self.meaning}"
+        yield self.stamp_at != END and not mean, found, "mean_over_interval"
+        power = bool(self.wraps_at) and not self.cumulative
+        yield power, "wraps_at is given for a power", "a unit of energy, or 0"
 
     @property
     def pair(self) -> bool:
@@ -300,10 +260,6 @@ class MeterSource:
             return replace(self, topic=resolve(self.topic))
         voltage, current = resolve(self.voltage_topic), resolve(self.current_topic)
         return replace(self, voltage_topic=voltage, current_topic=current)
-
-
-def _name(msgtype: str) -> str:
-    return msgtype.rpartition("/")[2]
 
 
 @dataclass(frozen=True, kw_only=True)

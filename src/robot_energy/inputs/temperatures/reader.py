@@ -48,10 +48,6 @@ class TemperatureReader:
     that the source does not list, are ignored and listed. Of a source that is quicker than
     temperatures change, the first reading of a joint in each tenth of a second counts.
     A fault code counts as no reading, unless the last other reading is within 2 K of it.
-
-    Attributes:
-        ignored_joints: Names met that are none of the source's joints.
-        missing_readings: Values that were not numbers, in messages that were accepted.
     """
 
     def __init__(
@@ -64,8 +60,8 @@ class TemperatureReader:
         self.name, self.source = name, source
         self.rejections = RejectionLog()
         self.keys_account = RejectionLog()
-        self.ignored_joints: set[str] = set()
-        self.missing_readings = 0
+        self.ignored_joints: set[str] = set()  # names met that are none of the source's joints
+        self.missing_readings = 0  # values that were not numbers, in messages that were accepted
         self._joint_names = tuple(joint_names)
         self._offset = ZERO_DEGC if source.unit == "kelvin" else 0.0
         self._codes_degc = np.array(FAULT_CODES) - self._offset

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -30,15 +29,10 @@ if TYPE_CHECKING:
     from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 
 
-@dataclass(frozen=True)
 class _Arrived(TemperatureBlock):
-    """Readings of all sources in order of arrival.
+    """Readings of all sources in order of arrival."""
 
-    Attributes:
-        source: Number of the reader of each, shape (N,).
-    """
-
-    source: Int
+    source: Annotated[Int, "Number of the reader of each, shape (N,)."]
 
 
 class TemperatureIngest:

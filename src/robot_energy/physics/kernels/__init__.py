@@ -13,11 +13,9 @@ from typing import Any, Protocol, cast
 
 from numpy.typing import NDArray
 
-MAX_JOINTS = 64
-"""Joints of a robot that the kernel of the rigid-body torque takes."""
+MAX_JOINTS = 64  # joints of a robot that the kernel of the rigid-body torque takes
 
-MAX_COLUMNS = 32
-"""Fields of a message that the kernel takes together."""
+MAX_COLUMNS = 32  # fields of a message that the kernel takes together
 
 Array = NDArray[Any]
 

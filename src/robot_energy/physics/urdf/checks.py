@@ -9,14 +9,23 @@ import math
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
-from robot_energy.physics.urdf.limits import UNLIMITED, limit_values, usable_limit
-from robot_energy.physics.urdf.parse import RESERVED_NAMES, check_numbers, read_elements
+from robot_energy.model import RobotModel
+from robot_energy.physics.urdf.parse import (
+    RESERVED_NAMES,
+    UNLIMITED,
+    check_numbers,
+    first_names,
+    limit_values,
+    read_elements,
+    usable_limit,
+)
 from robot_energy.timeline.blocks import Float
 
 MAX_LINKS = 1000
@@ -25,45 +34,35 @@ _OF_DYNAMICS = {"link": ("inertial",), "joint": ("parent", "child", "origin", "a
 LOCKED_AT = 0.0  # where joints stand that the model does not name [rad] or [m]
 
 
-@dataclass(frozen=True)
-class JointLimits:
-    """Limits of the modelled joints from the URDF, joint side.
-
-    Attributes:
-        lower: Shape (n,), -inf where there is none (continuous joints). [rad] or [m]
-        upper: Shape (n,), inf where there is none. [rad] or [m]
-        velocity: Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]
-        effort: Shape (n,), likewise. [N m] or [N]
-        prismatic: Which joints move in m, shape (n,).
-        wraps: Which joints turn without end, so that 2 pi is not a step, shape (n,).
-    """
+class JointLimits(Described):
+    """Limits of the modelled joints from the URDF, joint side."""
 
     joint_names: tuple[str, ...]
-    lower: Float
-    upper: Float
-    velocity: Float
-    effort: Float
-    prismatic: NDArray[np.bool_]
-    wraps: NDArray[np.bool_]
+    lower: Annotated[
+        Float, "Shape (n,), -inf where there is none (continuous joints). [rad] or [m]"
+    ]
+    upper: Annotated[Float, "Shape (n,), inf where there is none. [rad] or [m]"]
+    velocity: Annotated[
+        Float, "Shape (n,), inf where the URDF gives none that can be one. [rad/s] or [m/s]"
+    ]
+    effort: Annotated[Float, "Shape (n,), likewise. [N m] or [N]"]
+    prismatic: Annotated[NDArray[np.bool_], "Which joints move in m, shape (n,)."]
+    wraps: Annotated[
+        NDArray[np.bool_], "Which joints turn without end, so that 2 pi is not a step, shape (n,)."
+    ]
 
     def unit(self, joint: int) -> str:
         """Return the unit of the position: ``m`` of a prismatic joint, else ``rad``."""
         return "m" if self.prismatic[joint] else "rad"
 
 
-@dataclass(frozen=True)
-class JointEntry:
-    """One moving joint of a URDF.
-
-    Attributes:
-        modelled: Whether its motion is modelled; if not, it is locked.
-        remark: Its limits if it is modelled, else why it is not.
-    """
+class JointEntry(Described):
+    """One moving joint of a URDF."""
 
     name: str
     kind: str
-    modelled: bool
-    remark: str
+    modelled: Annotated[bool, "Whether its motion is modelled; if not, it is locked."]
+    remark: Annotated[str, "Its limits if it is modelled, else why it is not."]
 
     @property
     def state(self) -> str:
@@ -71,19 +70,15 @@ class JointEntry:
         return "modelled" if self.modelled else f"locked at {LOCKED_AT:g}"
 
 
-@dataclass(frozen=True)
-class Inventory:
-    """What of a URDF is modelled, and what is not.
-
-    Attributes:
-        massless_links: Links that move without a mass of their own.
-        allowed_massless: Those of them whose whole body has none, on purpose.
-    """
+class Inventory(Described):
+    """What of a URDF is modelled, and what is not."""
 
     joints: tuple[JointEntry, ...]
     fixed_joints: int
-    massless_links: tuple[str, ...]
-    allowed_massless: tuple[str, ...]
+    massless_links: Annotated[tuple[str, ...], "Links that move without a mass of their own."]
+    allowed_massless: Annotated[
+        tuple[str, ...], "Those of them whose whole body has none, on purpose."
+    ]
 
     @property
     def locked_joints(self) -> tuple[str, ...]:
@@ -330,3 +325,42 @@ def _why_locked(joint: ET.Element) -> str:
     if joint.get("type") not in MOVING_TYPES:
         return "a joint of this type cannot be modelled"
     return "not in the model file"
+
+
+LIKE = 0.01  # limits that differ by less than this share are the same [-]
+SHOWN = 3  # joints named in one sentence
+
+
+def disagreements(model: RobotModel, urdf_xml: str) -> list[str]:
+    """Compare the joints of a model with a description that the robot publishes.
+
+    Joint names, kinds and limits of position and velocity are compared, the limits only
+    where both descriptions give them. Poses and inertias are not.
+
+    Returns:
+        One part of a sentence for each kind of difference; empty if there is none.
+    """
+    ours, theirs = parse(model.urdf_xml), parse(urdf_xml)
+    known = {str(joint.get("name")): str(joint.get("type")) for joint in theirs.findall("joint")}
+    lacking = [name for name in model.joint_names if known.get(name, "fixed") == "fixed"]
+    found = [f"it has no moving joint {first_names(lacking, SHOWN)}"] if lacking else []
+    both = [name for name in model.joint_names if name not in lacking]
+    if not both:
+        return found
+    first, second = joint_limits(ours, both), joint_limits(theirs, both)
+    turned = first.prismatic != second.prismatic
+    if turned.any():
+        names = [both[row] for row in np.flatnonzero(turned)]
+        found.append(f"it has another kind of joint {first_names(names, SHOWN)}")
+    for what, keys in (("range", ("lower", "upper")), ("velocity limit", ("velocity",))):
+        differs = np.zeros(len(both), dtype=np.bool_)
+        for key in keys:
+            one, other = getattr(first, key), getattr(second, key)
+            given = np.isfinite(one) & np.isfinite(other)
+            scale = np.where(given, np.maximum(np.abs(one), np.abs(other)), 1.0)
+            step = np.where(given, one, 0.0) - np.where(given, other, 0.0)
+            differs |= np.abs(step) > LIKE * scale
+        if differs.any():
+            names = [both[row] for row in np.flatnonzero(differs)]
+            found.append(f"its {what} differs for {first_names(names, SHOWN)}")
+    return found

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from typing import Annotated
 
+from robot_energy.foundation.described import Described
 from robot_energy.physics.urdf.checks import MOVING_TYPES
 
 GRIPPER_MASS_SHARE = 0.015
 """Prismatic joints and joints of a branch that carry less of the moving mass are a gripper's."""
 
 
-@dataclass(frozen=True)
-class MovingJoint:
-    """One joint of a URDF that turns or slides.
+class MovingJoint(Described):
+    """One joint of a URDF that turns or slides."""
 
-    Attributes:
-        mass: Of all that it carries. [kg]
-        branches: Whether the body it sits on carries other moving joints too.
-    """
-
-    mass: float
+    mass: Annotated[float, "Of all that it carries. [kg]"]
     prismatic: bool
-    branches: bool
+    branches: Annotated[bool, "Whether the body it sits on carries other moving joints too."]
     mimics: bool
 
 

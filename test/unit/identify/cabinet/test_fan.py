@@ -8,7 +8,7 @@ import pytest
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
-from robot_energy_identify.api.identify import identify_all, identify_cabinet
+from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet.fan import Rests, fan_of
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.stats.cross_validation import EnergyScore
@@ -90,6 +90,13 @@ def test_a_fan_that_also_stops_while_the_robot_cools_is_found():
         fan_of([replace(both, fall=np.zeros(2 * COUNT))], 1.5)
 
 
+def test_the_power_of_a_fan_that_stops_soon_after_its_start_is_that_of_its_start():
+    """The robot cools from rest 100 on, and the fan stops at rest 110."""
+    found = fan_of([and_cooling(rests(30.0, 1.0, at=84), 10)], 1.5)
+    assert found.power == pytest.approx(30.0, abs=1.0)
+    assert found.on_above_degc == pytest.approx(20.0 + 0.25 * 83.5)
+
+
 def test_a_step_while_no_motor_warms_up_is_no_fan():
     still = replace(rests(30.0, 1.0), warmest_degc=np.full(COUNT, 40.0))
     with pytest.raises(NotIdentifiableError, match="no motor warms up: the warmest by 0 K"):
@@ -131,16 +138,18 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     assert "cannot be tested" in fan_refused(Step("drives", None, "too few readings", load("kr16")))
 
 
-def rig(*without):
+def rig(*without, start=20.0, on=23.0, capacity=1.0):
     """Eight minutes of a small robot that warms up by itself; the fan starts on the way."""
     drawn = random_profile("ur10e", SEED)
     profile = replace(
-        drawn, hard=replace(drawn.hard, fan_power=30.0, fan_on_degc=23.0, fan_off_degc=19.0)
+        drawn,
+        motor_capacity=capacity * drawn.motor_capacity,
+        hard=replace(drawn.hard, fan_power=30.0, fan_on_degc=on, fan_off_degc=19.0),
     )
     limits = profile.motion_limits(profile.mechanics()[0])
     program = random_program(limits, SEED, dwell=1.0)
     config = RigConfig.hard().without(*without)
-    return VirtualRig(profile, program, config, SEED, 20.0, 20.0, rate_hz=50.0)
+    return VirtualRig(profile, program, config, SEED, start, 20.0, rate_hz=50.0)
 
 
 def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
@@ -168,3 +177,18 @@ def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
     constant = found.model.cabinet.loss_grid.value + found.model.cabinet.loss_dc.value
     other = without.model.cabinet.loss_grid.value + without.model.cabinet.loss_dc.value
     assert constant == pytest.approx(other, abs=3.0)
+
+
+def test_a_fan_that_starts_in_no_recording_is_found_by_their_levels(tmp_path):
+    """It runs in those at 45 and 60 degC; a warm-up of light motors ends at 32 degC."""
+    light = {"on": 38.0, "capacity": 0.15}
+    bags = [record(rig(**light), 200.0, tmp_path / "warm_up").path]
+    bags += [
+        record(rig(start=degc, **light), 60.0, tmp_path / f"{degc:.0f}").path
+        for degc in (20.0, 45.0, 60.0)
+    ]
+    model = identify_friction(bags, "ur10e", "motor_torque").model
+    fan = identify_cabinet(bags, model).model.cabinet.fan
+    assert fan.power.source.startswith("levels of recordings")
+    assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
+    assert fan.on_above_degc.value == pytest.approx(38.0, abs=fan.on_above_degc.std)

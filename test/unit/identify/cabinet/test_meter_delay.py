@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
-from plants import PROGRAM, two_link_profile
+from plants import LIMITS, PROGRAM, two_link_profile
+from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy_identify.data import thinned
@@ -24,6 +26,8 @@ from robot_energy_identify.drives.delays import (
 from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.drives.total_power import fit_total
 from robot_energy_identify.drives.total_sums import sums
+from robot_energy_identify.refused_recordings import on_one_clock, refuse_meter
+from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, Sensors, VirtualRig
 from robot_energy_rig.record import record
 
@@ -155,6 +159,83 @@ def test_a_low_pass_does_not_take_up_a_delay(tmp_path):
     low_pass, delay = meter_lags(partial(with_meters_earlier, data, 0.0))
     assert low_pass.applied == pytest.approx(0.25, rel=0.1)
     assert delay.applied == pytest.approx(0.12, abs=0.02)
+
+
+@pytest.fixture(scope="module")
+def varied(tmp_path_factory):
+    """The same in motions that do not repeat, without a DC link."""
+    folder = tmp_path_factory.mktemp("varied")
+    profile = two_link_profile(folder)
+    config = RigConfig(sensors=Sensors(meter_rate=20.0, meter_filter=0.25)).having("meter_filter")
+    program = random_program(LIMITS, 3, dwell=0.15)
+    rig = VirtualRig(profile, program, config.without("capacitor"), 1, 40.0, rate_hz=100.0)
+    record(rig, 40.0, folder / "bag")
+    model = load(folder / "two_link.yaml")
+    return read_recording(folder / "bag", model, EffortMeaning.MOTOR_TORQUE)
+
+
+@pytest.mark.parametrize("ahead", [0.05, 0.14])
+def test_a_low_pass_is_found_behind_a_clock_that_is_ahead(varied, ahead):
+    in_time, _ = meter_lags(partial(with_meters_earlier, data_of(varied), 0.0))
+    early = data_of(varied.with_meter_earlier(ahead))
+    low_pass, delay = meter_lags(partial(with_meters_earlier, early, 0.0))
+    assert low_pass.applied == pytest.approx(in_time.applied, rel=0.1)
+    assert delay.applied == pytest.approx(-ahead, abs=0.02)
+
+
+@pytest.mark.parametrize("late", [-0.3, 0.3, 5.0])
+def test_a_clock_that_differs_from_the_others_is_found_and_undone(varied, late):
+    off = varied.with_meter_earlier(-late)
+    (_, moved, _), (note,) = on_one_clock([varied, off, varied])
+    assert np.abs(moved.meter.stamp_ns - varied.meter.stamp_ns).max() < 0.03e9
+    assert f"{abs(late):.1f}" in note
+    assert ("behind" if late > 0 else "ahead of") in note
+
+
+def test_of_two_clocks_that_nearer_to_the_joint_states_stays(varied):
+    off = varied.with_meter_earlier(1.0)
+    for pair in ([varied, off], [off, varied]):
+        kept, notes = on_one_clock(pair)
+        assert len(notes) == 1
+        stamps = [part.meter.stamp_ns[0] for part in kept]
+        assert np.abs(np.array(stamps) - varied.meter.stamp_ns[0]).max() < 0.03e9
+
+
+def test_recordings_with_one_clock_are_left_as_they_are(varied):
+    late = varied.with_meter_earlier(-0.05)
+    kept, notes = on_one_clock([varied, late, varied])
+    assert [part.meter for part in kept] == [part.meter for part in (varied, late, varied)]
+    assert not notes
+
+
+def counted(part):
+    """The same recording with an energy counter in place of its meter."""
+    meter = undone(part.meter, 0.0, 0.25)
+    nothing = np.full(len(meter), np.nan)
+    energy = np.cumsum(meter.power * meter.interval)
+    counter = MeterBlock(
+        meter.stamp_ns, nothing, energy, nothing, MeterMeaning.CUMULATIVE, MeterLocation.GRID
+    )
+    return replace(part, meter=counter, known=None)
+
+
+def test_a_counter_next_to_other_recordings_leaves_their_low_pass(varied):
+    parts = [varied, counted(varied)]
+    alone = estimate_time_constant(data_of(varied)).applied
+    both = drive_data(parts, [None] * 2, measured_torque=True)
+    assert estimate_time_constant(both).applied == pytest.approx(alone, rel=0.1)
+    kept, notes = on_one_clock([*parts, varied])
+    assert kept[1].meter is parts[1].meter
+    assert not notes
+
+
+@pytest.mark.parametrize("late", [0.9, 4.0])
+def test_a_meter_later_than_any_is_refused_with_the_line_that_mends_it(varied, late):
+    refuse_meter([varied], EffortMeaning.NONE)
+    with pytest.raises(ImplausibleIdentificationError) as caught:
+        refuse_meter([varied.with_meter_earlier(-late)], EffortMeaning.NONE)
+    (offset,) = re.findall(r"meter: {stamp_offset: (-[0-9.]+)}", str(caught.value))
+    assert -float(offset) == pytest.approx(late, abs=0.2)
 
 
 def test_of_many_readings_some_say_the_delay(recording, monkeypatch):

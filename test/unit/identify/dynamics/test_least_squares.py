@@ -135,7 +135,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(memory):
     inside = []
     for seed in range(40):
         result = fit_rows(rows(noise=0.1, memory=memory, seed=seed, rate=250.0, duration=15.0))
-        inside.append(np.abs(result.values - TRUTH) <= result.interval(0.95))
+        inside.append(np.abs(result.values - TRUTH) <= result.interval())
     share = np.mean(inside)
     assert 0.92 <= share <= 0.98, share
     assert np.mean(inside, axis=0).min() >= 0.80  # no parameter is far off

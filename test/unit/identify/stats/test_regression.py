@@ -70,7 +70,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say_though_noise_is_correlat
     for seed in range(300):
         columns, target, block = line(seed, correlated=0.9)
         fit = regress(columns, target, block, NAMES)
-        inside += np.abs(fit.values - TRUTH) <= fit.interval(0.95)
+        inside += np.abs(fit.values - TRUTH) <= fit.interval()
     assert 0.90 <= (inside / 300).min()
     assert (inside / 300).max() <= 0.985
 

@@ -72,7 +72,7 @@ def test_a_scatter_from_two_blocks_counts_as_students_t_says():
     assert student(1e9) == pytest.approx(1.0)
     columns, target = np.ones((40, 1)), np.repeat([1.0, 2.0], 20)
     found = fit(columns, target, ("mean",), jackknife(np.arange(40) // 20), "ols")
-    assert found.interval(0.95)[0] == pytest.approx(12.706 * 0.5, rel=1e-3)
+    assert found.interval()[0] == pytest.approx(12.706 * 0.5, rel=1e-3)
 
 
 def test_the_gain_of_a_meter_is_uniform_within_its_class():

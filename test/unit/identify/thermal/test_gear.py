@@ -12,6 +12,7 @@ from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
 from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.friction.friction import fit_laws
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.thermal.gear import GearsFound, fit_gear, fit_gears
 from robot_energy_identify.thermal.gears_by_meter import gears_by_meter
@@ -122,6 +123,37 @@ def test_friction_that_follows_the_motor_is_no_gear():
     ]
     with pytest.raises(NotIdentifiableError, match="one that follows the motor within"):
         fit_gear(together(parts), AIR)
+
+
+def scattered(parts):
+    """Recordings whose single samples scatter more than the temperature moves friction."""
+    data = together(parts)
+    noise = np.random.default_rng(5).standard_normal(len(data))
+    return replace(data, friction_torque=data.friction_torque + 0.8 * noise)
+
+
+def test_friction_follows_temperature_where_minutes_show_it_and_single_samples_do_not(recorded):
+    _, (axis,) = fit_gears([scattered([part for part, _ in recorded])])
+    assert axis.follows_temperature
+    fit = fit_laws(axis)
+    assert fit.chosen == "exponential"
+    assert fit.errors["exponential"].rms > 0.98 * fit.errors["constant"].rms
+    assert fit_laws(replace(axis, follows_temperature=False)).chosen == "constant"
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_constant_friction_gains_by_chance_and_follows_nothing(seed):
+    """With the motor temperature unseen minutes are 5 and 11 % less off, by chance."""
+
+    def law(degc):
+        return 0.006 + 0.0 * degc
+
+    parts = [
+        friction_of(2400.0, 12.0, seed, law=law),
+        friction_of(60.0, 0.0, 2, start=40.0, law=law),
+    ]
+    _, (axis,) = fit_gears([scattered([part for part, _ in parts])])
+    assert not axis.follows_temperature
 
 
 def test_short_recordings_show_none(recorded):
