@@ -134,7 +134,7 @@ def level_step(levels: FanLevels) -> LevelStep | None:
     """Return the surest step of the levels; None where they are too few.
 
     It is sure next to a slope, as what is warm may draw more, and without one, as a curve that
-    falls and flattens looks like a slope and a step up.
+    falls and flattens looks like a slope and a step up. It is more than the error of a recording.
     """
     size = float(np.median(levels.power))
     same = levels.recording[:, None] == levels.recording
@@ -149,7 +149,7 @@ def level_step(levels: FanLevels) -> LevelStep | None:
         on = levels.degc > limit
         power, std, left[place] = _step(np.column_stack([one, slope, on]), levels.power, weight)
         alone, alone_std, _ = _step(np.column_stack([one, on]), levels.power, weight)
-        score = min(power / std, alone / alone_std)
+        score = min(power / std, alone / alone_std) if power > OF_RECORDING * size else 0.0
         if best is None or score > best.score:
             runs = len(np.unique(levels.recording[on]))
             best = LevelStep(power, std, score, degc[place], degc[place + 1], runs)

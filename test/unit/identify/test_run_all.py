@@ -18,7 +18,10 @@ from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import Progress, replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
-from robot_energy.timeline.blocks import EffortMeaning, Phase
+from robot_energy.timeline.blocks import EffortMeaning, MeterLocation, Phase
+from robot_energy_identify import run_all, steps
+from robot_energy_identify.cabinet import fan
+from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.all_drives import DrivesFound
@@ -33,7 +36,7 @@ from robot_energy_identify.run_all import (
     with_provenance,
 )
 from robot_energy_identify.stats.held_out_energy import GIVEN, held_out_energy
-from robot_energy_identify.steps import DynamicsFound
+from robot_energy_identify.steps import DynamicsFound, Subject
 from robot_energy_report.document import Document
 from robot_energy_report.identify_all import identification_overview
 from robot_energy_report.printing import print_document
@@ -346,3 +349,26 @@ def test_the_model_says_what_it_was_made_from(
     other = folder / "at_25" / "metadata.yaml"
     other.write_text(other.read_text() + "\n")
     assert sha256_of(bags_in(folder)[0].path) == read[0].sha256  # of the messages, not of the index
+
+
+def test_a_likely_fan_changes_no_watt_and_widens_the_sum_of_the_constants_by_its_power(
+    folder: Path, model: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold = Level(25.0, 0.5, 10, 5, 0.0)
+    grid = MeterLocation.GRID
+    fit = CabinetFit(grid, hold, None, 25.0, None, None, None, (), {"sum": hold.parts})
+    for place in (steps, run_all):
+        monkeypatch.setattr(place, "fit_cabinet", lambda *_: fit)
+
+    def found(likely: float) -> tuple[RobotModel, float]:
+        monkeypatch.setattr(fan, "_by_levels", lambda _: fan.FanFound(None, "levels", likely))
+        skip: list[Subject] = ["dynamics", "friction", "capacitor", "thermal"]
+        written = identify_everything(bags_in(folder), model, skip).model
+        assert written.covariance is not None
+        sides = [written.covariance.figures.index(name) for name in ("loss_dc", "loss_grid")]
+        return written, float(np.array(written.covariance.matrix)[np.ix_(sides, sides)].sum())
+
+    (same, before), (other, after) = found(0.0), found(40.0)
+    assert after == pytest.approx(before + 40.0**2, rel=1e-3)
+    assert other.constant_power() == same.constant_power()
+    assert other.cabinet.fan is None

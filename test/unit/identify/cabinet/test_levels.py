@@ -48,6 +48,14 @@ def test_levels_that_something_else_explains_show_no_fan(power):
     assert level_step(levels(power)).score < fan.LIKELY
 
 
+@pytest.mark.parametrize(("step", "sure"), [(2.5, False), (10.0, True)])
+def test_a_step_within_the_error_of_a_recording_is_no_fan(step, sure):
+    """3 % of 100 W, in a warm-up of levels that scatter by nothing."""
+    degc = np.arange(20.0, 60.0, 2.0)
+    found = level_step(levels(100.0 + step * (degc > 39.0), degc, np.zeros(20, dtype=int)))
+    assert (found.score > fan.LIKELY) is sure
+
+
 def test_levels_at_one_temperature_show_nothing():
     assert level_step(levels([100.0, 130.0], (40.0, 40.0), (0, 1))) is None
 
