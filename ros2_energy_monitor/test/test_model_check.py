@@ -24,7 +24,7 @@ from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.bag import BagReader
-from robot_energy.physics.effort_check import EffortCheck
+from robot_energy.physics.effort import EffortCheck
 from ros2_energy_monitor.diagnostics import model_check
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 

@@ -133,7 +133,22 @@ _EXPORTS = {
     for module, names in _NAMES.items()
     for public, _, original in (name.partition(":") for name in names)
 }
-__all__ = [*_EXPORTS]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [
+    "AdviceReport", "AdviceResult", "BagError", "DatasetError", "EnergyBaseline", "EnergyBreakdown",
+    "EnergyPipeline", "EnergySavings", "EvaluationReport", "FleetFriction", "FleetReport",
+    "FleetRunReport", "History", "HistoryError", "IdentificationResult",
+    "ImplausibleIdentificationError", "JointEnergy", "LogFormatError", "MeterComparison",
+    "MissingTopicError", "ModelFileError", "MotionError", "NotIdentifiableError", "OnlineMonitor",
+    "OptimizationReport", "OptimizationResult", "ParameterError", "Payload", "PayloadError",
+    "Phase", "PhaseEnergy", "PipelineSettings", "PredictionReport", "PredictionResult", "Quality",
+    "ReplayReport", "ReplayResult", "ReportError", "RestState", "RobotDescriptionError",
+    "RobotEnergyError", "RobotModel", "SensorLimits", "ShapeError", "SharedBusReport",
+    "SharedBusResult", "TimeSeries", "ToolOptions", "UnknownJointError", "advise", "evaluate",
+    "fleet_identify", "fleet_report", "fleet_run", "history", "history_events", "history_friction",
+    "history_jobs", "history_savings", "identify_all", "identify_auxiliary", "identify_cabinet",
+    "identify_dynamics", "identify_friction", "identify_thermal", "load_model", "optimize",
+    "physics", "predict", "replay", "save_model", "shared_bus",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

@@ -10,6 +10,7 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.friction.apart import recordings_apart
 from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
 from robot_energy_identify.friction.samples import friction_data
@@ -37,6 +38,9 @@ class FrictionFound(Described):
     hold: Annotated[
         HoldFit | None, "What motors hold at rest; None where too few rests show it."
     ] = None
+    apart: Annotated[
+        tuple[str, ...], "Recordings whose friction is not that of the others, one sentence each."
+    ] = ()
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with this friction, which follows gears where they were found."""
@@ -61,7 +65,9 @@ def find_friction(
         fits = share_shape(fits, axes, source)
     fits, implausible = check_friction(fits)
     hold = fit_hold(recordings, with_friction(model, fits, source))
-    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold)
+    names = [part.path.name for part in recordings]
+    apart = recordings_apart(names, axes, fits, model)
+    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold, apart)
 
 
 class ThermalFound(Described):

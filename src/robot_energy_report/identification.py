@@ -94,7 +94,8 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         ],
         report.axes,
     )
-    page.notes(grouped([*(text for fit in report.axes for text in fit.warnings), *report.refused]))
+    warnings = [text for fit in report.axes for text in fit.warnings]
+    page.notes(grouped([*warnings, *report.refused, *report.apart]))
     gear_tables(report.gears, page)
     if report.hold is not None:
         page.notes([hold_words(report.hold)])

@@ -221,9 +221,10 @@ class PlantProfile(Described):
             "gear_conductance",
             "acceleration",
         }
-        for name, values in self.__dict__.items():
-            if not isinstance(values, np.ndarray):
-                continue
+        arrays: dict[str, Float] = {
+            name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        for name, values in arrays.items():
             if values.shape != (n_joints,):
                 raise RigError(
                     f"the profile's {name} has shape {values.shape}",

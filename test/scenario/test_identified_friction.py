@@ -7,11 +7,13 @@ and gears that lag the motor sensor; the model knows none of that.
 import numpy as np
 import pytest
 
+from mistakes import rewrite
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law, with_fixed_friction
 from robot_energy.replay.bag_replay import replay
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
+from robot_energy_identify.api.identify import identify_friction
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.friction.friction import fit_friction, with_friction
 from robot_energy_identify.friction.samples import friction_data
@@ -89,3 +91,20 @@ def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys
 def test_bags_without_a_meaning_of_the_effort_are_refused(bags, capsys):
     assert main(["identify", "friction", str(bags[0]), "--model", "kr16"]) == 2
     assert "effort of a driver is never guessed" in capsys.readouterr().err
+
+
+def test_a_recording_with_the_friction_of_another_temperature_is_named(bags, tmp_path):
+    """One at 60 degC whose thermometers stand still at 25 degC."""
+
+    def still(message):
+        message.temperature_degc = np.full(len(message.temperature_degc), 25.0)
+
+    kind = "ros2_energy_msgs/msg/MotorTemperatures"
+    off = rewrite(bags[2], tmp_path / "off", None, others={kind: still})
+
+    def apart(*paths):
+        return identify_friction(paths, MODEL, "motor_torque").found.apart
+
+    assert apart(*bags[:3]) == ()
+    said = apart(*bags[:2], off)
+    assert any(one.startswith("off: friction power of joint_a1 -") for one in said)

@@ -19,16 +19,16 @@ MODULES = {
         __main__
     """,
     "robot_energy.accounting": """
-        account account_record auxiliary averaging comparison energy_curve exact_sum job_intervals
-        load_curve meter_checks meter_response plain_text power_curve record registers
-        totals
+        account account_record auxiliary averaging comparison energy_curve exact_sum
+        job_intervals load_curve meter_checks meter_response plain_text power_curve record
+        registers totals
     """,
     "robot_energy.bag": """
-        mcap_block mcap_file mcap_records mcap_writer metadata packed
-        reader sources sqlite_source writer
+        mcap_file mcap_records mcap_writer metadata packed reader sources sqlite_source
+        writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store plan schema types walk
+        batch decode encode lazy_store schema types walk
     """,
     "robot_energy.certainty": """
         band_calibration deviation energy_calibration figure_deviations
@@ -53,7 +53,7 @@ MODULES = {
         correction decode joint_states partial_states plausibility publisher_conflicts
     """,
     "robot_energy.inputs.meter": """
-        energy_counter kinds meter source voltage_current_pairs
+        energy_counter kinds meter source
     """,
     "robot_energy.inputs.temperatures": """
         filter kinds reader stuck temperatures
@@ -62,16 +62,15 @@ MODULES = {
         fields friction model_messages payload power registers torque
     """,
     "robot_energy.model": """
-        auxiliary drive_models figure friction_laws joint load open_schema
-        payload schema
+        auxiliary drive_models figure friction_laws joint load payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort effort_check
-        electrical_power equations friction hold_torque motor_heat pinocchio_model
-        rigid_body torque_limits
+        cabinet counterbalance derivative drive drivetrain effort electrical_power
+        equations friction hold_torque motor_heat pinocchio_model rigid_body
+        torque_limits
     """,
     "robot_energy.physics.urdf": """
-        checks compare limits moving_joints parse
+        checks moving_joints parse
     """,
     "robot_energy.pipeline": """
         energy_pipeline friction_stage friction_timeline online_monitor power_stage
@@ -146,7 +145,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy_identify.friction": """
-        friction further_terms held_out hold laws samples shared_shape temperature_study
+        apart friction further_terms held_out hold laws samples shared_shape temperature_study
     """,
     "robot_energy_identify.results": """
         check drives dynamics evaluation identification

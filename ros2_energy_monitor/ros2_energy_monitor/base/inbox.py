@@ -274,7 +274,7 @@ class Inbox:
         self._qos = qos
         self._depth = qos.depth
         self._arrived_ns: int | None = None
-        self._heard_ns: int | None = None  # of it, what is known to `_revival`
+        self._unheard_ns: int | None = None  # the first time that `_revival` does not know
         # Messages, their numbers as their publishers count, when the middleware received them [ns].
         self._queue: deque[tuple[bytes, int | None, int]] = deque(maxlen=qos.depth)
         self._sequences = MessageLossCounter(self.met)
@@ -308,6 +308,7 @@ class Inbox:
         self.received += len(messages)
         self.overflows += len(messages) >= self._depth
         self._arrived_ns = time.monotonic_ns()
+        self._unheard_ns = self._unheard_ns or self._arrived_ns
         clock = self._node.get_clock()
         now, times = clock.now().nanoseconds, np.array(received_ns, dtype=np.int64)
         if isinstance(clock, ROSClock) and clock.ros_time_is_active:
@@ -339,9 +340,10 @@ class Inbox:
         """Subscribe again if it is time for that; called about once a second."""
         if self._revival is None:
             return
-        if self._arrived_ns is not None and self._arrived_ns != self._heard_ns:
-            self._heard_ns = self._arrived_ns
+        if self._unheard_ns is not None and self._arrived_ns is not None:
+            self._revival.heard(self._unheard_ns * NANOSECOND)  # which ended a silence
             self._revival.heard(self._arrived_ns * NANOSECOND)
+            self._unheard_ns = None
         known = self._node.count_publishers(self.topic)
         if self._revival.due(time.monotonic(), known):
             self.renew()

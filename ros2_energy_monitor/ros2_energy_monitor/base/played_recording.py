@@ -17,6 +17,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from enum import Enum, auto
+from operator import methodcaller
 
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.diagnostics.topic_publishers import NOT_YET_KNOWN
@@ -58,7 +59,7 @@ class PlayedRecording:
 
     def look(self) -> Change:
         """Say what has changed; call it before anything is taken."""
-        met = [*map(Inbox.met, self._inboxes)]
+        met: list[tuple[int, int]] = [*map(methodcaller("met"), self._inboxes)]
         if met == self._met:
             return Change.NONE
         names = self._names([now for _, now in met])

@@ -19,7 +19,7 @@ from robot_energy.foundation.errors import RobotEnergyError
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.physics.urdf.compare import disagreements
+from robot_energy.physics.urdf.checks import disagreements
 from ros2_energy_monitor.base.publishers import latched
 
 MAX_FOUND = 20  # disagreements that are named

@@ -91,11 +91,7 @@ class EnergyCurve:
 
 
 def add_compared(curve: EnergyCurve, compared: Compared) -> None:
-    """Add measured and predicted energy at the meter to a curve.
-
-    Args:
-        curve: A curve of three columns: measured, predicted as the meter shows it, drawn.
-    """
+    """Add energy at the meter to a curve: measured, predicted as it shows it, drawn."""
     energy = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
     curve.add(compared.stamp_ns, compared.duration_ns, energy)
 

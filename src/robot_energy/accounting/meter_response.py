@@ -169,11 +169,7 @@ class ShownPower:
         return np.asarray(shown + first_power * (before_ns * NANOSECOND))
 
     def forget(self, before_ns: int) -> None:
-        """Drop samples that no later interval asks for.
-
-        Args:
-            before_ns: Later intervals begin here at the earliest. [ns]
-        """
+        """Drop samples that no interval from a stamp [ns] on asks for."""
         if self._rows is not None:
             place = np.searchsorted(self._rows.stamp_ns, before_ns - self._delay_ns, side="left")
             self._rows = self._rows[slice(max(int(place) - 1, 0), None)]

@@ -365,11 +365,7 @@ class ShaftEnergySums(ExactSum):
         self.compared_ns[:] = 0
 
     def joints(self, name: str) -> Float:
-        """Return a register by its name in ``SHAFT_REGISTERS``, (n,); NaN: not compared. [J]
-
-        Args:
-            name: Of the register; both parts are >= 0 and never fall.
-        """
+        """Return a register of ``SHAFT_REGISTERS``, shape (n,), >= 0; NaN: not compared. [J]"""
         start = SHAFT_REGISTERS.index(name) * self.n_joints
         joule = self.joule[start : start + self.n_joints]
         return np.where(self.compared_ns > 0, joule, np.nan)

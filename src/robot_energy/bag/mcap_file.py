@@ -10,8 +10,15 @@ from pathlib import Path
 from typing import BinaryIO
 
 from robot_energy.bag import mcap_records as records
-from robot_energy.bag.mcap_block import McapChunk, walked_block
-from robot_energy.bag.mcap_records import FRAME, IN_SUMMARY, LogTimes, RecordError, read_closing
+from robot_energy.bag.mcap_records import (
+    FRAME,
+    IN_SUMMARY,
+    LogTimes,
+    McapChunk,
+    RecordError,
+    read_closing,
+    walked_block,
+)
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.first_bytes import MAX_MAGIC, named
 from robot_energy.foundation.files.regular_file import open_regular

@@ -170,9 +170,6 @@ class BagReader:
         Topics that lie one behind the other in the bag are brought together by their log times.
         Where the log times of a topic jump back and forth, it is the order in the file, and the
         problem is reported.
-
-        Args:
-            spans: First and last log time to read, by topic; all of a topic that is not named. [ns]
         """
         wanted: dict[str, str] = {}
         for name in topics:

@@ -10,9 +10,8 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.mcap_block import McapChunk, Messages
 from robot_energy.bag.mcap_file import McapFile
-from robot_energy.bag.mcap_records import LogTimes
+from robot_energy.bag.mcap_records import LogTimes, McapChunk, Messages
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import valid_stamps
 

@@ -119,11 +119,7 @@ class BandCalibration:
         compared: Compared,
         means: MeanBlock | None,
     ) -> None:
-        """Take power samples and what became comparable; set the bands of the means.
-
-        Args:
-            means: Periods that ended; their bands are written in place.
-        """
+        """Take power samples and what became comparable; set the bands of the means in place."""
         if self.location is MeterLocation.UNKNOWN:
             return
         stamp = block.stamp_ns

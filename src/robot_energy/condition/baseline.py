@@ -81,11 +81,7 @@ class Contrasts:
         self._payload: float | None = None
 
     def rows(self, records: Sequence[WearRecord]) -> Float:
-        """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]
-
-        Args:
-            records: Shape (N,).
-        """
+        """Return what coefficients are multiplied by, shape (N, m); makes room for programs. [-]"""
         more = FEATURES + max(len(record.program) for record in records) - len(self.target)
         if more > 0:
             self.information = np.pad(self.information, ((0, more), (0, more)))

@@ -341,13 +341,10 @@ class ProgramTable:
     directions. Each program but the first therefore has coefficients of its own in the baseline:
     a level, and slopes of load, difference of the directions and scatter. A program is recognised
     by how long every joint moves at each speed, which neither load nor temperature changes.
-
-    Args:
-        known: Seen before, in the order of their coefficients; the first has none.
     """
 
     def __init__(self, known: Sequence[KnownProgram] = ()) -> None:
-        self.known = list(known)
+        self.known = list(known)  # in the order of their coefficients; the first has none
         self._new: tuple[float, ...] = ()
 
     def step(self, record: WearRecord) -> tuple[WearRecord | None, int | None]:

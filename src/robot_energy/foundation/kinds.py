@@ -11,11 +11,11 @@ import importlib.util
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
 from robot_energy.foundation.errors import KindError
 
@@ -45,14 +45,9 @@ class Part:
     def __init__(self, name: str) -> None:
         self.name = name
 
-    @cached_property
-    def function(self) -> Callable[..., Any]:
-        """The function itself."""
-        return cast("Callable[..., Any]", resolve_name(self.name))
-
     def __call__(self, *args: Any) -> Any:
         """Call the function."""
-        return self.function(*args)
+        return resolve_name(self.name)(*args)
 
 
 K = TypeVar("K", bound=Kind)

@@ -45,7 +45,7 @@ class JointFriction(LateEntry):
     LATE = ("load_saturation", "viscous_exponent")
 
     coulomb: Annotated[PositiveFigure, "fc, independent of temperature. [N m]"]
-    # One of the table of friction laws, see `robot_energy.model.open_schema`.
+    # One of the table of friction laws, see `robot_energy.model.load`.
     viscous: Annotated[LawEntry, "The law for fv(T)."]
     smooth_velocity: Annotated[
         PositiveFigure | None,
@@ -230,7 +230,7 @@ class Joint(LateEntry):
     loss_map: Annotated[
         LossMap | None,
         "For the drive model ``loss_map``. Drive models that are registered add their keys, see "
-        "`robot_energy.model.open_schema`.",
+        "`robot_energy.model.load`.",
     ] = None
 
     @model_validator(mode="after")

@@ -36,9 +36,6 @@ LONGEST_STEP = 0.1  # time between samples for which a motion goes on at most [s
 class HoldTorque:
     """Torque of the motors of one robot at rest.
 
-    Args:
-        effort: What the measured torque was made of; NONE if that is not known.
-
     Attributes:
         measurable: Motors whose measured torque is used: not a current times a torque constant
             that is assumed, shape (n,).

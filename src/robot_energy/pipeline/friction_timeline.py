@@ -29,9 +29,6 @@ class FrictionTimeline:
     first, the row in use goes on until friction follows, or for ten seconds. The first row of
     all that comes before any torque holds for the first five seconds of torque also if its
     stamp is that of another time: nothing else is known then.
-
-    Args:
-        initial: What holds before any temperature, one row of stamp zero.
     """
 
     def __init__(self, initial: FrictionBlock) -> None:
@@ -226,12 +223,7 @@ class FallbackUse:
             self.silence_ns = max(self.silence_ns, now - int(seen_ns[too_old].min()))
 
     def of_another_time(self, ahead_ns: int | None) -> bool:
-        """Return whether the stamps of the temperatures are from another clock.
-
-        Args:
-            ahead_ns: How far they are ahead of those of the torques on arrival, negative where
-                they are behind; None where that is not known. [ns]
-        """
+        """Return whether temperatures, so far ahead of torques [ns], are from another clock."""
         far = self.apart_ns is not None and abs(self.apart_ns) > APART_NS
         return far and ahead_ns is not None and abs(ahead_ns) > APART_NS
 

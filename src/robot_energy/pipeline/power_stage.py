@@ -53,9 +53,6 @@ NO_SLOT = -1  # before the first sample
 class SupplyStage:
     """Drives and cabinet of a robot.
 
-    Args:
-        settings: What the effort is, which shows what motors hold at rest.
-
     Attributes:
         standstill: Speeds below which motors stand, shape (n,). [rad/s]
         fallback_degc: Of windings whose temperature is not known. [degC]
@@ -112,11 +109,7 @@ class SupplyStage:
 
     @np.errstate(invalid="ignore", over="ignore")
     def again(self, power: PowerBlock) -> PowerBlock:
-        """Return power as these drives and this cabinet make it; torque and friction stay.
-
-        Args:
-            power: Of a model that differs in nothing else; in time order.
-        """
+        """Return power, in time order, as these drives and this cabinet make it of its torques."""
         speed, degc = power.motor_velocity, power.motor_temperature_degc
         standing = np.abs(speed) <= self.standstill
         quality = power.quality & ~np.uint32(Quality.DRIVE_EXTRAPOLATED | Quality.NOT_FINITE)

@@ -16,8 +16,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.derivative import Derivative
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort import Effort
-from robot_energy.physics.effort_check import EffortCheck
+from robot_energy.physics.effort import Effort, EffortCheck
 from robot_energy.physics.equations import mapped
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline.settings import Settings
@@ -68,10 +67,6 @@ class PayloadTimeline:
     def set(self, payload: Payload, from_ns: int) -> PayloadChange:
         """Return a change with the instant from which it really counts, and take it.
 
-        Args:
-            from_ns: First instant of validity; one that has passed means the next
-                sample. [ns]
-
         Raises:
             RobotDescriptionError: If the URDF lacks the link; nothing changes then.
             PayloadError: If too many changes wait for stamps that never come.
@@ -110,9 +105,6 @@ class TorqueStage:
     """Differentiates joint states and computes the torque that moves the bodies.
 
     The effort of the driver, if its meaning is set, becomes measured motor torque.
-
-    Args:
-        settings: Window and lag of the derivative, meaning of the effort.
 
     Attributes:
         newest_ns: Newest joint state that has arrived, also one that `step` takes later: a payload

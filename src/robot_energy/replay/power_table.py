@@ -50,10 +50,8 @@ def power_table(
 ) -> TimeSeries:
     """Return every sample, or means over periods with motor quantities at their end.
 
-    Measured power is the mean from reading to reading, NaN without one.
-
-    Args:
-        compared: What was compared with the meter; None: the table has no measured columns.
+    Measured power is the mean from reading to reading, NaN without one. Without ``compared`` the
+    table has no measured columns.
     """
     if not blocks:
         return _empty_table(joint_names)

@@ -64,10 +64,8 @@ class Result(Described, Shown):
 def json_value(value: Any) -> Any:
     """Return a value as JSON can hold it; None for a number that is not finite.
 
-    Args:
-        value: A dataclass becomes its fields, but for those hidden from its representation
-            (``repr=False``): they are the data behind it. An array becomes a list, an
-            enumeration the name of its member, a robot model its identity.
+    Fields of a dataclass that its representation hides (``repr=False``) are data behind it and left
+    out. A robot model becomes its identity.
     """
     if is_dataclass(value) and not isinstance(value, type):
         return {e.name: json_value(getattr(value, e.name)) for e in fields(value) if e.repr}

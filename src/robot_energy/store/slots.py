@@ -323,7 +323,6 @@ def _write_all(file: int, content: bytes) -> None:
         done += os.pwrite(file, content[done:], done)
 
 
-T = TypeVar("T")
 Submit = Callable[[Callable[[], Any]], "Future[Any]"]
 
 

@@ -52,11 +52,7 @@ SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
 
 
 def slow_reach(stale_ns: int) -> Reach:
-    """Return the reach of a state that changes slowly and is held until it is stale.
-
-    Args:
-        stale_ns: Age at which it is not used any more. [ns]
-    """
+    """Return the reach of a state that changes slowly and is held until it is stale."""
     return Reach(
         SLOW_NS,
         max(SLOW_NS, stale_ns // 2),
@@ -387,7 +383,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject = reject or (lambda reason, count: None)
+        self._reject: Callable[[str, int], None] = reject or (lambda reason, count: None)
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None
@@ -399,11 +395,7 @@ class StreamSplitter(Generic[B]):
         return sum(len(each) for each in (self.held, self.order.held) if each is not None)
 
     def step(self, block: B, arrival_ns: int | None = None) -> list[tuple[B, EpochRun]]:
-        """Return the messages that are known to belong to their epoch, run by run; often one.
-
-        Args:
-            arrival_ns: When the last of them was received; None where it does not matter. [ns]
-        """
+        """Return the messages that are known to belong to their epoch, run by run; often one."""
         newest_ns = self.epochs.newest_ns
         found = self.epochs.step(block.stamp_ns)
         if arrival_ns is not None and self.epochs.newest_ns not in (None, newest_ns):

@@ -136,10 +136,10 @@ def level_step(levels: FanLevels) -> LevelStep | None:
     It is sure next to a slope, as what is warm may draw more, and without one, as a curve that
     falls and flattens looks like a slope and a step up.
     """
-    size = np.median(levels.power)
+    size = float(np.median(levels.power))
     same = levels.recording[:, None] == levels.recording
     errors = (OF_RECORDING * size) ** 2 * same + (OF_LEVEL * size) ** 2 * np.eye(len(same))
-    weight = np.linalg.inv(levels.covariance + errors)
+    weight: Float = np.asarray(np.linalg.inv(levels.covariance + errors), dtype=np.float64)
     one, slope = np.ones(len(same)), levels.degc - levels.degc.mean()
     degc = np.unique(levels.degc)
     limits = 0.5 * (degc[1:] + degc[:-1])

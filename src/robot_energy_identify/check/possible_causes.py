@@ -12,8 +12,7 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.model.payload import Payload
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort import Effort
-from robot_energy.physics.effort_check import MAX_FACTOR
+from robot_energy.physics.effort import MAX_FACTOR, Effort
 from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.torque_fit import (

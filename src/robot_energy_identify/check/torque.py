@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.physics.effort_check import MAX_FACTOR, MIN_CORRELATION
+from robot_energy.physics.effort import MAX_FACTOR, MIN_CORRELATION
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence

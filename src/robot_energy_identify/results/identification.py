@@ -79,6 +79,9 @@ class FrictionReport(Result, name="friction"):
     hold: Annotated[
         HoldFit | None, "What motors hold at rest; None where too few rests show it."
     ] = None
+    apart: Annotated[
+        Texts, "Recordings whose friction is not that of the others, one sentence each."
+    ] = ()
 
     @property
     def torque_unit(self) -> str:
@@ -88,7 +91,7 @@ class FrictionReport(Result, name="friction"):
 
 def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
     """Return the friction of every axis."""
-    return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold)
+    return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold, found.apart)
 
 
 class AxisStudy(Result):
@@ -207,6 +210,8 @@ def identification_report(
     Args:
         notes: What does not fit the model as given, one sentence each.
     """
+    friction = next((one.found for one in whole.steps if one.subject == "friction"), None)
+    apart = friction.apart if isinstance(friction, FrictionFound) else ()
     return IdentificationReport(
         model=model,
         given=whole.given,
@@ -222,7 +227,7 @@ def identification_report(
         mean_error={stage: test.mean_error(stage) for stage in test.stages}
         if test is not None and test.metered
         else {},
-        notes=(*notes, *_without_warm_up(model, recordings)),
+        notes=(*notes, *apart, *_without_warm_up(model, recordings)),
     )
 
 

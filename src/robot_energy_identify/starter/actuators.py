@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.shown_text import shown
-from robot_energy.physics.urdf.limits import first_names
+from robot_energy.physics.urdf.parse import first_names
 
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
 _INERTIAS = ("motorInertia", "drake:rotor_inertia")

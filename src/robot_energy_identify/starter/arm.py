@@ -13,8 +13,8 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RobotDescriptionError, UnknownJointError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import MOVING_TYPES, moved_mass, parse, take_inventory
-from robot_energy.physics.urdf.limits import first_names
 from robot_energy.physics.urdf.moving_joints import GRIPPER_MASS_SHARE, moving_joints
+from robot_energy.physics.urdf.parse import first_names
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.starter.actuators import Actuator, read_actuators, without_defaults
 from robot_energy_identify.starter.model_remarks import gravity_torques, limit_remarks

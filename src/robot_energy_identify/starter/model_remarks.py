@@ -13,15 +13,16 @@ import numpy as np
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.physics.urdf.checks import parse
-from robot_energy.physics.urdf.limits import (
+from robot_energy.physics.urdf.moving_joints import mimic_remarks
+from robot_energy.physics.urdf.parse import (
+    INERTIA_TOLERANCE,
     MAX_EFFORT,
     fastest,
     first_names,
     limit_values,
+    principal_moments,
     usable_limit,
 )
-from robot_energy.physics.urdf.moving_joints import mimic_remarks
-from robot_energy.physics.urdf.parse import INERTIA_TOLERANCE, principal_moments
 from robot_energy.timeline.blocks import Float
 
 CONFIGURATIONS = 200  # drawn for the largest torque of gravity

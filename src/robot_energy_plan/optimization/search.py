@@ -147,8 +147,8 @@ def front(
     # worse: another point is at most as great in all columns and less in one
     less = (points[:, None, :] <= points[None, :, :] * (1 + 1e-9)).all(axis=2)
     better = (points[:, None, :] < points[None, :, :] * (1 - 1e-6)).any(axis=2)
-    worse = (less & better).any(axis=0)
-    kept = [plan for plan, is_so in zip(plans, worse.tolist(), strict=True) if not is_so]
+    worse = np.asarray((less & better).any(axis=0))
+    kept = [plans[k] for k in np.flatnonzero(~worse)]
     kept.sort(key=lambda pair: pair[1].duration)
     if len(kept) > MAX_FRONT:
         shown: list[int] = np.unique(np.linspace(0, len(kept) - 1, MAX_FRONT).astype(int)).tolist()

@@ -234,7 +234,7 @@ def rqt(pages: Sequence[Page]) -> str:
 
 def _group(**content: Any) -> dict[str, Any]:
     """Make a group of settings; a value that is itself a group becomes one inside."""
-    inner = {name: each for name, each in content.items() if isinstance(each, dict)}
+    inner: dict[str, Any] = {name: each for name, each in content.items() if isinstance(each, dict)}
     keys = {name: _value(each) for name, each in content.items() if name not in inner}
     return {"keys": keys, "groups": inner}
 

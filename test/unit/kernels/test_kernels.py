@@ -19,7 +19,7 @@ from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.registers import Registers
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.decode import Decoder, Encoder, stamp_columns
-from robot_energy.bag.mcap_block import walked_block
+from robot_energy.bag.mcap_records import walked_block
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.foundation.units import MAX_COUNTER
 from robot_energy.model import load, shipped_models

@@ -23,8 +23,8 @@ OTHER_WORDS = {
     ("robot_energy_fleet/identify.py", "constant"),  # the law that every joint must have
     ("robot_energy_identify/drives/total_power.py", "constant"),  # a structure of losses
     ("robot_energy_identify/drives/total_covariance.py", "constant"),  # the name of a figure
-    ("robot_energy/model/open_schema.py", "efficiency_map"),  # key of an entry
-    ("robot_energy/model/open_schema.py", "loss_map"),
+    ("robot_energy/model/load.py", "efficiency_map"),  # key of an entry
+    ("robot_energy/model/load.py", "loss_map"),
     ("robot_energy_papers/models.py", "table"),  # the law that paper A asks for
 }
 BY_CLASS = {

@@ -11,7 +11,7 @@ import pytest
 from driver_messages import effort_of, motion, replaced
 from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.effort_check import MIN_SAMPLES, EffortCheck
+from robot_energy.physics.effort import MIN_SAMPLES, EffortCheck
 from robot_energy.pipeline import Settings, TorqueStage
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.encode import Encoder, stamp_columns
-from robot_energy.bag.cdr.plan import Column, Plan, View, make_plan, nested, read
 from robot_energy.bag.cdr.schema import (
     ScalarField,
     StringField,
@@ -33,9 +32,15 @@ from robot_energy.bag.cdr.walk import (
     HEADER_SIZE,
     MAX_PARTS,
     MAX_TRAILING,
+    Column,
     Malformed,
+    Plan,
     Slot,
+    View,
     Walk,
+    make_plan,
+    nested,
+    read,
     walk,
 )
 from robot_energy.foundation.errors import MessageTypeError

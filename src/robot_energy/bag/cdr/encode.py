@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.bag.cdr.plan import Plan, View, make_plan, nested, plan_shape, write
 from robot_energy.bag.cdr.schema import (
     ArrayField,
     Node,
@@ -22,7 +21,16 @@ from robot_energy.bag.cdr.schema import (
     tree,
 )
 from robot_energy.bag.cdr.types import typestore
-from robot_energy.bag.cdr.walk import HEADER_SIZE, walk
+from robot_energy.bag.cdr.walk import (
+    HEADER_SIZE,
+    Plan,
+    View,
+    make_plan,
+    nested,
+    plan_shape,
+    walk,
+    write,
+)
 from robot_energy.foundation.errors import MessageTypeError, ShapeError
 
 _FITTING = {"f": "fiub", "i": "iub", "u": "iub"}

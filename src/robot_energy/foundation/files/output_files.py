@@ -126,10 +126,7 @@ def write_file(
 ) -> None:
     """Write a file whole or not at all; a device or pipe is written to.
 
-    Args:
-        path: The file; ``-`` is the standard output.
-        remains: Whether a killed run may have left some of it; to look costs time by the number
-            of files in the folder.
+    Where a killed run may have left some of it (``remains``), the folder is looked through.
     """
     if os.fspath(path) == STANDARD_OUTPUT:
         sys.stdout.write(data.decode("utf-8"))

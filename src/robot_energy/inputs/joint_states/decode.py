@@ -70,6 +70,8 @@ REFUSED = {  # what was expected instead of messages refused for a reason, and w
     ),
 }
 Mask = NDArray[np.bool_]
+_Places = tuple[Int, Mask, bool]
+"""Column of each joint in a message, -1 for none; which have one; whether all are in order."""
 _Rows = tuple[Int, list[Float]]
 """Stamps; positions, velocities and, where it is read, effort of some messages."""
 
@@ -154,7 +156,7 @@ class JointStateReader:
         fields = ("header.stamp.sec", "header.stamp.nanosec", "name", "position", "velocity")
         fields = (*fields, "effort") if effort else fields
         self._decoder = Decoder(JOINT_STATE, fields, typestore, MAX_JOINTS)
-        self._columns = ByNames[_Columns | str]()
+        self._columns = ByNames[_Places | str]()
 
     def read(self, batches: Sequence[RawBatch]) -> JointBlock | None:
         """Return what can be read, in order of arrival, or None if that is nothing.
@@ -247,11 +249,12 @@ class JointStateReader:
             arrays.append(run.columns["effort"])
         if not isinstance(names, tuple) or {*map(type, arrays)} != {np.ndarray}:
             return "malformed"
-        columns = self._columns.get(names)
-        if columns is None:
-            columns = self._columns.put(names, self._match(names))
-        if isinstance(columns, str):
-            return columns
+        places = self._columns.get(names)
+        if places is None:
+            places = self._columns.put(names, self._match(names))
+        if isinstance(places, str):
+            return places
+        found, present, same = places
         position, *others = map(partial(np.asarray, dtype=np.float64), arrays)
         if position.shape[1] != len(names):
             return "wrong_length"
@@ -261,14 +264,20 @@ class JointStateReader:
             return "wrong_length"
         if self._effort and others[1].shape[1] != len(names):
             others[1] = np.empty((len(position), 0))
-        position = columns.place(position)
+        placed: list[Float] = []
+        for values in (position, *others):
+            if not (same and values.shape[1]):  # else there is nothing to copy
+                given, values = values, np.full((len(values), len(found)), np.nan, order="F")
+                if given.shape[1]:
+                    values[:, present] = given[:, found[present]]
+            placed.append(values)
+        position = placed[0]
         if bool(np.isnan(position.sum())):
-            lost = np.isnan(position) & (True if columns.present is None else columns.present)
+            lost = np.isnan(position) & present
             position[lost] = np.inf  # which is refused; NaN says that the message lacks the joint
-        stamp = batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run)
-        return stamp, [position, *map(columns.place, others)]
+        return batch.log_time_ns[run.rows] if self._receive_time else stamp_ns(run), placed
 
-    def _match(self, names: tuple[str, ...]) -> _Columns | str:
+    def _match(self, names: tuple[str, ...]) -> _Places | str:
         """Where the model's joints are in a message, or why it cannot be used."""
         known = next(
             (one for one in self.known_names if not set(one).isdisjoint(names)), self.known_names[0]
@@ -279,27 +288,8 @@ class JointStateReader:
             return "unknown_joint"
         if len(set(names)) != len(names):
             return "repeated_joint"
-        return _Columns(np.asarray(found, dtype=np.int64), len(names))
-
-
-class _Columns:
-    """How the columns of one layout of messages go to those of the model."""
-
-    def __init__(self, found: Int, size: int) -> None:
-        self.present: Mask | None = None if bool((found >= 0).all()) else found >= 0
-        self._found = found
-        self._same = self.present is None and bool(np.array_equal(found, np.arange(size)))
-
-    def place(self, values: Float) -> Float:
-        """Return columns in model order, NaN where there are none."""
-        if self._same and values.shape[1]:
-            return values  # nothing to copy
-        if self.present is None and values.shape[1]:
-            return values[:, self._found]
-        placed = np.full((len(values), len(self._found)), np.nan, order="F")
-        if values.shape[1]:
-            placed[:, self.present] = values[:, self._found[self.present]]
-        return placed
+        places = np.asarray(found, dtype=np.int64)
+        return places, places >= 0, found == list(range(len(names)))
 
 
 def joint_block(

@@ -83,9 +83,6 @@ class Plausibility:
     wrong unit, or another robot with the same names of joints); all joints exactly zero for
     five seconds (a driver without a robot); and, on some of the samples, velocities that
     the positions contradict (deg/s, a wrong sign, zeros of a driver that knows no velocity).
-
-    Args:
-        limits: Limits from the URDF; None to look at zeros and velocities only.
     """
 
     def __init__(self, joint_names: Sequence[str], limits: JointLimits | None = None) -> None:
@@ -111,11 +108,7 @@ class Plausibility:
         self._ratio = (0, 1.0)  # joint and ratio of the last verdict
 
     def step(self, block: JointBlock) -> None:
-        """Look at samples in time order and mark them in place.
-
-        Args:
-            block: Samples; those concerned get ``JOINT_STATE_IMPLAUSIBLE``.
-        """
+        """Look at samples in time order; set ``JOINT_STATE_IMPLAUSIBLE`` in place."""
         beyond = (block.joint_position > self._high) | (block.joint_position < self._low)
         beyond |= np.abs(block.joint_velocity) > self._fastest
         if bool(beyond.any()):

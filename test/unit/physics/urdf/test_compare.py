@@ -6,7 +6,7 @@ import pytest
 
 from robot_energy.foundation.errors import RobotDescriptionError
 from robot_energy.model import load
-from robot_energy.physics.urdf.compare import disagreements
+from robot_energy.physics.urdf.checks import disagreements
 
 MODEL = load("kr16")
 

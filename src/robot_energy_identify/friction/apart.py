@@ -1,0 +1,64 @@
+"""Recordings whose friction is not that of the others at the temperatures that were read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
+from robot_energy_identify.friction.friction import FrictionFit, with_friction
+from robot_energy_identify.friction.samples import FrictionData, moving_rows
+
+APART = 0.1  # of the friction power of an axis: sound recordings of one plant are off by 0.05
+MIN_AXES = 2  # that are so far off: one alone may be of another form than its law
+
+
+def recordings_apart(
+    names: Sequence[str],
+    axes: Sequence[FrictionData],
+    fits: Sequence[FrictionFit],
+    model: RobotModel,
+) -> tuple[str, ...]:
+    """Return the recordings whose friction power is far from the laws, one sentence each.
+
+    One law for all takes up what differs in one of them, and then fits none.
+
+    Args:
+        names: Of the recordings.
+        axes: What the fits have seen, with the temperatures that the friction follows.
+    """
+    friction = FrictionModel.from_model(with_friction(model, fits, ""))
+    velocity, degc, load, measured = (
+        np.stack([getattr(axis, name) for axis in axes], axis=1)
+        for name in ("motor_velocity", "motor_temperature_degc", "load", "friction_torque")
+    )
+    torque = friction.torque(
+        velocity, friction.coulomb, friction.viscous(degc), motor_torque_rigid=load
+    )
+    fitted = {fit.name for fit in fits}
+    shares = np.zeros((len(names), len(axes)))
+    for joint, axis in enumerate(axes):
+        if axis.name not in fitted:
+            continue
+        used = moving_rows(axis) & np.isfinite(torque[:, joint])
+        for number in range(len(names)):
+            rows = used & (axis.run == number)
+            drawn, said = (
+                float((one[rows, joint] * velocity[rows, joint]).sum())
+                for one in (measured, torque)
+            )
+            shares[number, joint] = drawn / said - 1.0 if said > 0.0 else 0.0
+    off = (np.abs(shares) > APART) & (len(names) > 1)
+    return tuple(
+        f"{name}: friction power of "
+        + ", ".join(
+            f"{axes[k].name} {100.0 * share[k]:+.0f} %" for k in np.flatnonzero(far).tolist()
+        )
+        + " off the laws of all recordings: too few temperatures for a law, motor temperatures "
+        "that are wrong, gears that are not as warm as motors, or another robot; record "
+        "temperatures in between, or leave out the recording that is wrong"
+        for name, share, far in zip(names, shares, off, strict=True)
+        if far.sum() >= MIN_AXES
+    )
