@@ -57,9 +57,9 @@ def recordings_apart(
         + ", ".join(
             f"{axes[k].name} {100.0 * share[k]:+.0f} %" for k in np.flatnonzero(far).tolist()
         )
-        + " off the laws of all recordings: too few temperatures for a law, or none, motor temperatures "
-        "that are wrong, gears that are not as warm as motors, or another robot; record "
-        "temperatures in between, or leave out the recording that is wrong"
+        + " off the laws of all recordings: too few temperatures for a law, or none, motor "
+        "temperatures that are wrong, gears that are not as warm as motors, or another robot; "
+        "record temperatures in between, or leave out the recording that is wrong"
         for name, share, far in zip(names, shares, off, strict=True)
         if far.sum() >= MIN_AXES
     )
