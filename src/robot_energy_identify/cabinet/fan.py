@@ -101,8 +101,9 @@ def with_fan(
         found = FanFound(find_fan(recordings))
     except NotIdentifiableError as error:
         found = FanFound(None, str(error))
-        if model.cabinet.fan is None:
-            found = _by_levels([part for part in recordings if _usable(part)]) or found
+        usable = [part for part in recordings if _usable(part)]
+        if usable and model.cabinet.fan is None:
+            found = _by_levels(usable) or found
     if found.fan is None:
         return model, found
     cabinet = model.cabinet.model_copy(update={"fan": found.fan.entry(source)})

@@ -134,7 +134,8 @@ def level_step(levels: FanLevels) -> LevelStep | None:
     """Return the surest step of the levels; None where they are too few.
 
     It is sure next to a slope, as what is warm may draw more, and without one, as a curve that
-    falls and flattens looks like a slope and a step up. It is more than the error of a recording.
+    falls and flattens looks like a slope and a step up. No recording has levels on both sides:
+    what changes within one is a step at rest, or no fan.
     """
     size = float(np.median(levels.power))
     same = levels.recording[:, None] == levels.recording
@@ -144,12 +145,14 @@ def level_step(levels: FanLevels) -> LevelStep | None:
     degc = np.unique(levels.degc)
     limits = 0.5 * (degc[1:] + degc[:-1])
     best: LevelStep | None = None
-    left = np.empty(len(limits))
+    left = np.full(len(limits), np.inf)
     for place, limit in enumerate(limits):
         on = levels.degc > limit
+        if np.intersect1d(levels.recording[on], levels.recording[~on]).size:
+            continue
         power, std, left[place] = _step(np.column_stack([one, slope, on]), levels.power, weight)
         alone, alone_std, _ = _step(np.column_stack([one, on]), levels.power, weight)
-        score = min(power / std, alone / alone_std) if power > OF_RECORDING * size else 0.0
+        score = min(power / std, alone / alone_std)
         if best is None or score > best.score:
             runs = len(np.unique(levels.recording[on]))
             best = LevelStep(power, std, score, degc[place], degc[place + 1], runs)
