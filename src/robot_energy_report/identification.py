@@ -57,9 +57,6 @@ def friction_document(report: FrictionReport, page: Document) -> None:
 def friction_tables(report: FrictionReport, page: Document) -> None:
     """Add the friction of every axis."""
     unit = report.torque_unit
-    falling = [fit for fit in report.axes if fit.stribeck is not None][:1]
-    loaded = [fit for fit in report.axes if fit.load is not None][:1]
-    bent = [fit for fit in report.axes if fit.exponent is not None][:1]
     page.rows(
         "Friction over motor temperature, "
         + ("as logged" if report.effort == "log" else "motor side"),
@@ -67,9 +64,9 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
             Column("axis", "name"),
             Column("Coulomb", _coulomb, unit=unit),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
-            *(Column("Stribeck", _stribeck, unit=unit) for _ in falling),
-            *(Column("of the load", _by_load) for _ in loaded),
-            *(Column("exponent", _exponent) for _ in bent),
+            Column("Stribeck", _stribeck, unit=unit, optional=True),
+            Column("of the load", _by_load, optional=True),
+            Column("exponent", _exponent, optional=True),
             Column("fitted at", _fitted_at),
         ],
         report.axes,

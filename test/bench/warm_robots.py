@@ -204,9 +204,7 @@ def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterat
         for run, pieces in plant.runs():
             for name, model in models.items():
                 yield judged(plant.name, run, name, model, pieces)
-            if run.startswith("gears"):
+            for name in ("gear", "all") if run.startswith("gears") else ():
                 for way in ("effort", "meter"):
-                    read = {way: True}
-                    yield judged(
-                        plant.name, run, f"gear, {way} read", models["gear"], pieces, **read
-                    )
+                    title, read = f"{name}, {way} read", {way: True}
+                    yield judged(plant.name, run, title, models[name], pieces, **read)

@@ -108,3 +108,17 @@ def test_a_recording_with_the_friction_of_another_temperature_is_named(bags, tmp
     assert apart(*bags[:3]) == ()
     said = apart(*bags[:2], off)
     assert any(one.startswith("off: friction power of joint_a1 -") for one in said)
+
+
+def test_axes_without_a_thermometer_are_named_where_their_friction_changes(bags, tmp_path):
+    def first_alone(message):
+        message.joint_names = message.joint_names[:1]
+        message.temperature_degc = message.temperature_degc[:1]
+
+    kind = "ros2_energy_msgs/msg/MotorTemperatures"
+    paths = [
+        rewrite(bag, tmp_path / bag.name, None, others={kind: first_alone}) for bag in bags[:3]
+    ]
+    said = identify_friction(paths, MODEL, "motor_torque").found.apart
+    assert any("joint_a3" in one for one in said)
+    assert not any("joint_a1" in one for one in said)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mistakes import delayed, rewrite
+from mistakes import delayed, metered, rewrite
 from pages import read
 from places import ROOT
 from plants import PROGRAM, two_link_profile
@@ -168,3 +168,14 @@ def test_a_meter_clock_that_is_off_in_one_recording_changes_little(tmp_path):
     moved = "late: its meter is 0.4"
     assert moved in said_off
     assert moved in json.dumps(identify_cabinet([*bags[:2], late], "kr16").to_dict())
+
+
+def test_a_model_that_misses_the_energy_of_its_own_recordings_says_so(outcome, tmp_path):
+    """A meter that reads 1.5 times as much in one of them."""
+    own = "of its own fit"
+    assert own not in (outcome / "report.json").read_text()
+    bags = [outcome / f"at_{degc}" for degc in TEMPERATURES]
+    off = rewrite(bags[2], tmp_path / "off", None, metered("power", 1.5))
+    model = outcome / "two_link.yaml"
+    found = identify_all([*bags[:2], off], model, "motor_torque", held_out=False).found
+    assert [one for one in found.notes if own in one]

@@ -267,11 +267,7 @@ class BagReader:
         return kept
 
     def _check_spans(self, spans: Sequence[tuple[int, int, frozenset[str]]]) -> int:
-        """Report files with a topic in common at the same time: they may hold the same.
-
-        Returns:
-            By how much files overlap at most, whatever their topics. [ns]
-        """
+        """Report files with a topic in common at the same time; return the longest overlap [ns]."""
         most = same = latest = 0
         ends: dict[str, int] = {}
         for start, end, topics in sorted(spans, key=lambda span: span[:2]):

@@ -326,10 +326,9 @@ class DriftTest:
         return Drift(ratio - 1.0, ratio * std, since_ns, max(sure, 0.0), newest < 0)
 
     def _factors(self) -> tuple[Float, Float, Float]:
-        """Cholesky factors of the covariance at each size of the wander, and how likely they are.
+        """Covariance by size of the wander (Cholesky factors), its likelihood, and the excess.
 
-        Returns:
-            Shapes (S, n, n) and (S,), and the excess minus its expected baseline, shape (n,).
+        Shapes (S, n, n), (S,) and (n,); the excess is that above its expected baseline.
         """
         rows = self.contrasts.rows(self.records)
         hours = self._hours()

@@ -15,6 +15,10 @@ from robot_energy.model.figure import ModelEntry, Number, PositiveFigure, Tag
 if TYPE_CHECKING:
     from robot_energy.model.joint import Joint
 
+COPPER_COEFFICIENT = PositiveFigure(
+    value=0.0039, tag="assumed", source="copper, usual textbook figure"
+)
+
 
 class LossDrive(ModelEntry):
     """P_el = P_mech + c0 + c1 |w| + c2 w^2 + copper (1 + alpha (T - 20)) tau^2, motor side."""
@@ -25,9 +29,7 @@ class LossDrive(ModelEntry):
     copper: Annotated[
         PositiveFigure, "Copper loss per squared motor torque with windings at 20 degC. [W/(N m)^2]"
     ]
-    copper_temperature_coefficient: Annotated[PositiveFigure, "alpha. [1/K]"] = PositiveFigure(
-        value=0.0039, tag="assumed", source="copper, usual textbook figure"
-    )
+    copper_temperature_coefficient: Annotated[PositiveFigure, "alpha. [1/K]"] = COPPER_COEFFICIENT
 
 
 class EfficiencyMap(ModelEntry):
@@ -77,9 +79,7 @@ class LossMap(ModelEntry):
         list[list[Annotated[Number, Field(ge=0)]]],
         "L, one row per speed, >= 0 and nowhere falling along either axis. [W]",
     ]
-    copper_temperature_coefficient: Annotated[PositiveFigure, "alpha. [1/K]"] = PositiveFigure(
-        value=0.0039, tag="assumed", source="copper, usual textbook figure"
-    )
+    copper_temperature_coefficient: Annotated[PositiveFigure, "alpha. [1/K]"] = COPPER_COEFFICIENT
     tag: Annotated[Tag, "How the losses are known."]
     source: Annotated[str, "Where they come from."] = ""
 

@@ -79,11 +79,7 @@ def _send(pipe: Connection, message: Any) -> None:
 
 
 def _received(pipe: Connection) -> Any:
-    """Take an object that was sent: its arrays come from the pipe into their own memory.
-
-    Raises:
-        EOFError: If nothing more will come.
-    """
+    """Take an object that was sent; its arrays go into their own memory. EOFError at the end."""
     text, sizes = pipe.recv()
     arrays = [bytearray(size) for size in sizes]
     for array in arrays:

@@ -358,6 +358,10 @@ def _rows(runs: list[EpochRun]) -> list[int]:
     return rows
 
 
+def _uncounted(reason: str, count: int) -> None:
+    """Leave out what nobody counts; a lambda could not go to another process."""
+
+
 class StreamSplitter(Generic[B]):
     """Cuts one stream at the jumps of its stamps, takes outliers out, and sorts what is late.
 
@@ -383,7 +387,7 @@ class StreamSplitter(Generic[B]):
         kinds: Callable[[B], dict[bytes, Int]] | None = None,
     ) -> None:
         self.epochs = EpochSplitter(reach)
-        self._reject: Callable[[str, int], None] = reject or (lambda reason, count: None)
+        self._reject = reject or _uncounted
         self.order = ReorderBuffer[B](window_ns, self._reject, kinds)
         self.refused: B | None = None
         self.held: B | None = None

@@ -51,7 +51,11 @@ from robot_energy_identify.results.identification import (
     identification_report,
     thermal_report,
 )
-from robot_energy_identify.run_all import identify_everything, with_provenance
+from robot_energy_identify.run_all import (
+    identify_everything,
+    own_energies,
+    with_provenance,
+)
 from robot_energy_identify.stats.held_out_energy import held_out_energy
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 from robot_energy_identify.thermal.windows import without_networks
@@ -403,6 +407,7 @@ def identify_all(
             f"nothing can be identified from these recordings. {reasons}",
             remedy="record with torque or current, temperature, or a power meter",
         )
+    notes += own_energies(fitted, whole)
     energy = None
     if options.get("held_out", True):
         kind, folds = folds_of(fitted, tests, [span for _, span in known])

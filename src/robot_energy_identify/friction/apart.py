@@ -34,8 +34,9 @@ def recordings_apart(
         np.stack([getattr(axis, name) for axis in axes], axis=1)
         for name in ("motor_velocity", "motor_temperature_degc", "load", "friction_torque")
     )
+    # without a temperature the law is a constant
     torque = friction.torque(
-        velocity, friction.coulomb, friction.viscous(degc), motor_torque_rigid=load
+        velocity, friction.coulomb, friction.viscous(np.nan_to_num(degc)), motor_torque_rigid=load
     )
     fitted = {fit.name for fit in fits}
     shares = np.zeros((len(names), len(axes)))
@@ -56,9 +57,9 @@ def recordings_apart(
         + ", ".join(
             f"{axes[k].name} {100.0 * share[k]:+.0f} %" for k in np.flatnonzero(far).tolist()
         )
-        + " off the laws of all recordings: too few temperatures for a law, motor temperatures "
-        "that are wrong, gears that are not as warm as motors, or another robot; record "
-        "temperatures in between, or leave out the recording that is wrong"
+        + " off the laws of all recordings: too few temperatures for a law, or none, motor "
+        "temperatures that are wrong, gears that are not as warm as motors, or another robot; "
+        "record temperatures in between, or leave out the recording that is wrong"
         for name, share, far in zip(names, shares, off, strict=True)
         if far.sum() >= MIN_AXES
     )

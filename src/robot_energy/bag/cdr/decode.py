@@ -374,11 +374,9 @@ def _key(found: Walk, data: bytes) -> bytes:
 
 
 def stamp_ns(run: Run, path: str = "header.stamp") -> NDArray[np.int64]:
-    """Return stamps of a run, of its columns ``<path>.sec`` and ``<path>.nanosec``.
+    """Return stamps of a run [ns], int64, shape (m, ...), from ``<path>.sec`` and ``.nanosec``.
 
-    Returns:
-        Time since the epoch, int64, shape (m, ...); ``INVALID_STAMP_NS`` where the
-        nanoseconds are a second or more. [ns]
+    ``INVALID_STAMP_NS`` where the nanoseconds are a second or more.
     """
     seconds = run.array(f"{path}.sec").astype(np.int64)
     nanoseconds = run.array(f"{path}.nanosec").astype(np.int64)

@@ -218,7 +218,7 @@ static PyObject *add_exactly(PyObject *self, PyObject *args) {
 
 PyDoc_STRVAR(messages_doc,
 "messages(data, table, others, limit)\n--\n\n"
-"Find the messages of a block of records, for `robot_energy.bag.mcap_block`; return their number,\n"
+"Find the messages of a block of records, for `robot_energy.bag.mcap_records`; return their number,\n"
 "that of other records, and the end of the last one.");
 
 static PyObject *messages_in(PyObject *self, PyObject *args) {
