@@ -12,6 +12,8 @@ import numpy as np
 from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
+from robot_energy.inputs.joint_states.partial_states import SAME_STAMP
+from robot_energy.inputs.joint_states.publisher_conflicts import CONFLICTING
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Settings
@@ -191,6 +193,8 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
     if share <= MAX_REFUSED or (first == "impossible_velocity" and set(wrong) & set(SPOILING)):
         return []
     reasons = ", ".join(f"{100 * one:.1f} % {reason}" for reason, one in remarks.refused.items())
+    if first == CONFLICTING and SAME_STAMP in remarks.refused:
+        first = SAME_STAMP  # for which the others are refused
     return [
         Finding("joint_states_refused", ERROR, ("joint_states",),
                 f"{100 * share:.1f} % of the joint states were refused: {reasons}",

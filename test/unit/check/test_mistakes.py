@@ -225,7 +225,9 @@ def test_coarse_stamps_that_cost_joint_states_are_named_and_the_remedy_works(tmp
 
     bag = rewrite(SOUND, tmp_path / "bag", coarse, None, 4.0)
     result = check(bag, load("kr16"))
-    assert [entry.cause for entry in result.errors] == ["joint_states_refused"]
+    (error,) = result.errors
+    assert error.cause == "joint_states_refused"
+    assert "set joint_states.stamp_source to receive" in error.remedy
     (setting,) = [entry.remedy for entry in result.findings if entry.cause == "joint_states"]
     inputs = read_with(setting, tmp_path / "inputs.yaml")
     assert not check(bag, load("kr16"), inputs=inputs).errors

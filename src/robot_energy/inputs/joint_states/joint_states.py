@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
+MIN_GRID_NS = SECOND_NS // 10_000  # a driver rounds its stamps to no less
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
 BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
 KNOWN = 3  # states of zeros that show their publisher
@@ -292,10 +293,16 @@ class JointStateIngest:
         setting = ""
         refused, same = self.rejections.rejected[CONFLICTING], self.rejections.rejected[SAME_STAMP]
         joints = ", ".join(sorted(self.conflicting_joints))
-        if same and not joints:
+        coarse, grid_ns = self.conflicts.coarse > 0, self.conflicts.grid_ns
+        if same and (coarse or not joints):
             setting = "joint_states: {stamp_source: receive}"
+            grid = f", multiples of {1e-6 * grid_ns:.3g} ms" if grid_ns >= MIN_GRID_NS else ""
             sentence = (
-                f"{same} joint states have the stamp of the one before and other positions, "
+                f"stamps are coarser than the states{grid}: {same} joint states have the stamp of "
+                "the one before and positions on the way to the next one, "
+                f"{same + refused} are refused for it: set joint_states.stamp_source to receive"
+                if coarse
+                else f"{same} joint states have the stamp of the one before and other positions, "
                 f"{same + refused} are refused for it: if stamps are coarse or do not change, set "
                 "joint_states.stamp_source to receive; if there are two publishers, stop one"
             )
