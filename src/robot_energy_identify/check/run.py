@@ -48,6 +48,7 @@ MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from 
 MIN_MOVING = 10.0  # s of motion of a joint
 MIN_REST = 1.0  # s of rest, for the constant losses
 MAX_REFUSED = 0.05  # share of the joint states
+HOT_DEGC = 110.0  # motors of robots hardly work above; 43 degC in degrees Fahrenheit
 
 Check = Callable[[Evidence], tuple[list[Finding], str]]
 SPOILING = (
@@ -218,6 +219,20 @@ def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
                 f"the motor temperature of {', '.join(remarks.stuck)} does not change although the "
                 "losses must have warmed it",
                 float(len(remarks.stuck)), float("nan"), "check these sensors",
+            )
+        )  # fmt: skip
+    hot = [
+        name
+        for name, degc in zip(evidence.names, evidence.temperature_degc.T, strict=True)
+        if np.count_nonzero(degc > HOT_DEGC) > 0.5 * len(degc)
+    ]
+    if hot:
+        findings.append(
+            Finding(
+                "temperature_hot", WARNING, tuple(hot),
+                f"the motor temperature of {', '.join(hot)} is above {HOT_DEGC:g} degC most of the "
+                "time: is its unit degrees Fahrenheit?",
+                float(len(hot)), float("nan"), "set unit: fahrenheit of their temperature source",
             )
         )  # fmt: skip
     without = [
