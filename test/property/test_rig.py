@@ -1,6 +1,7 @@
 """Laws of motions and of the rig, on random input."""
 
 from dataclasses import fields
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ PROFILE = load_profile("kr16")
 LIMITS = PROFILE.motion_limits(PROFILE.mechanics()[0])
 PROGRAM = random_program(LIMITS, 0)
 SIZE = 700
-SWITCHES = [f.name for f in fields(RigConfig) if f.type == "bool"]
+SWITCHES = [name for name, kind in get_type_hints(RigConfig).items() if kind is bool]
 
 
 def build(seed=0, **changes):

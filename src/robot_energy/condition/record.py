@@ -26,7 +26,7 @@ class ConditionPart(BaseModel):
     """Base of the records: frozen, strict, no unknown keys."""
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, defer_build=True, validate_by_name=True
+        frozen=True, extra="forbid", strict=True, defer_build=True, populate_by_name=True
     )
 
     @classmethod

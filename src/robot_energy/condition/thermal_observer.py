@@ -360,7 +360,8 @@ class ThermalObserver:
         self.degc[self._networks] = state.x[state.networks, MOTOR]
         self.std[self._networks] = std[state.networks]
         self.gears[self._own] = state.gears
-        follows = state.gears | (state.others & (state.x[:, GEAR] != 0.0))
+        warm = state.networks | ~np.isnan(self._reading[self._own])  # the motor is known
+        follows = state.gears | (state.others & warm & (state.x[:, GEAR] != 0.0))
         self._follows[self._own] = follows
         left = np.hypot(state.std(GEAR), np.where(state.has_gear, state.gear.std, std))
         friction_degc = np.where(follows, state.friction_degc, state.x[:, MOTOR])

@@ -14,9 +14,9 @@ A fan that the warmest motor switches is a part of ``P_l,grid``: ``p P_fan``, wi
 ``p`` that it runs. At a warmest motor of T this is ``max(min(p, P(T > T_off)), P(T > T_on))``, with
 ``T_off = T_on - hysteresis``; on the right is the previous ``p``. Start and stop are uniform within
 their deviations. Above all possible starts ``p`` is 1. Below all possible stops it is 0. Between
-stop and start ``p`` does not change. Before the first
-temperature it is the less of 1/2 and ``1/2 (P(T > T_off) + P(T > T_on))``, as half of the fans
-between stop and start run.
+stop and start ``p`` does not change. Before the first temperature it is 1/2. At the first it is
+the less of 1/2 and ``1/2 (P(T > T_off) + P(T > T_on))``: of the fans between stop and start half
+run.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import ColumnError, ShapeError
 from robot_energy.foundation.files.output_files import GENERATOR
 from robot_energy.foundation.shown import Shown
@@ -25,6 +26,7 @@ from robot_energy.foundation.units import SECOND_NS
 Column = NDArray[Any]
 
 
+@documented
 @dataclass(frozen=True)
 class TimeSeries(Shown):
     """Columns over one axis of time."""

@@ -195,7 +195,7 @@ def test_before_a_gear_has_begun_its_unknown_temperature_is_in_the_deviation():
     assert apart == pytest.approx(spread * viscous(MOTOR) * SPEED**2, rel=0.03)
 
 
-def _shoulder(seconds, gear, motor=WORKED, torque=None, meter=None, factor=1.0):
+def _shoulder(seconds, gear, motor=WORKED, torque=None, meter=None, factor=1.0, read=None):
     """Power of an arm whose shoulder turns and has no gear, but its elbow may have one."""
     data = robots.two_link_data()
     for figure in ("a", "b"):
@@ -211,10 +211,10 @@ def _shoulder(seconds, gear, motor=WORKED, torque=None, meter=None, factor=1.0):
     block = robots.joint_block(
         stamp, velocity * stamp[:, None], velocity, np.zeros_like(velocity), torque
     )
-    at = np.arange(100, 100 + seconds)
-    read = TemperatureBlock(at * S, np.tile(motor + 0.1 * (at % 2), (2, 1)).T)  # is not stuck
+    at = np.arange(100, 100 + (read or seconds))
+    degc = TemperatureBlock(at * S, np.tile(motor + 0.1 * (at % 2), (2, 1)).T)  # is not stuck
     effort = EffortMeaning.NONE if torque is None else EffortMeaning.MOTOR_TORQUE
-    return played(EnergyPipeline(model, Settings(effort=effort)), block, read, meter=meter)
+    return played(EnergyPipeline(model, Settings(effort=effort)), block, degc, meter=meter)
 
 
 def _shoulder_law(degc):
@@ -263,3 +263,14 @@ def test_torque_or_a_meter_corrects_a_joint_whose_gear_no_recording_shows(meter)
     assert _spread(corrected)[1200] < 0.8 * _spread(blind)[1200]
     without = _shoulder(1200, False, factor=factor, **given)
     assert (without.viscous == blind.viscous).all()
+
+
+def test_a_corrected_joint_falls_back_where_its_thermometer_is_silent():
+    """Its gear is known as a difference from its motor, and of the motor nothing is known."""
+    blind = _shoulder(1200, True, read=300)
+    warmer = (_shoulder_law(WORKED + 8.0) - _shoulder_law(WORKED)) * 100.0
+    given = {"torque": blind.motor_torque + np.array([warmer, 0.0])}
+    power = _shoulder(1200, True, read=300, **given)
+    assert power.viscous[500, 0] != blind.viscous[500, 0]  # corrected while the motor is read
+    assert np.isnan(power.motor_temperature_degc[-1, 0])
+    assert power.viscous[-1, 0] == blind.viscous[-1, 0]

@@ -185,25 +185,29 @@ class _Diagnostics:
 
 @dataclass(frozen=True, kw_only=True)
 class TemperatureKind(Kind):
-    """One kind of temperature source. Its name is the type of its messages."""
+    """One kind of temperature source. Its name is the type of its messages.
+
+    Attributes:
+        found_by_type: Whether a topic of this type needs no settings.
+        headed: Whether its messages have a header with a stamp.
+        needs_joints: Whether the source must list the joints.
+        named: Whether ``names`` may say what the messages call the joints.
+        single: Whether a message is of one joint.
+        by_status: Whether ``names`` and ``keys`` are places in a status, one for all or one
+            for each joint, and the joints are then the model's own.
+        keys_type: Type of a topic next to it that names the values; empty for none.
+        topic_word: A topic with this word may hold temperatures, and the user is informed.
+    """
 
     adapter: Callable[[TemperatureSource], Adapter]
-    found_by_type: Annotated[bool, "Whether a topic of this type needs no settings."] = False
-    headed: Annotated[bool, "Whether its messages have a header with a stamp."] = True
-    needs_joints: Annotated[bool, "Whether the source must list the joints."] = False
-    named: Annotated[bool, "Whether ``names`` may say what the messages call the joints."] = True
-    single: Annotated[bool, "Whether a message is of one joint."] = False
-    by_status: Annotated[
-        bool,
-        "Whether ``names`` and ``keys`` are places in a status, one for all or one for each "
-        "joint, and the joints are then the model's own.",
-    ] = False
-    keys_type: Annotated[
-        str, "Type of a topic next to it that names the values; empty for none."
-    ] = ""
-    topic_word: Annotated[
-        str, "A topic with this word may hold temperatures, and the user is informed."
-    ] = ""
+    found_by_type: bool = False
+    headed: bool = True
+    needs_joints: bool = False
+    named: bool = True
+    single: bool = False
+    by_status: bool = False
+    keys_type: str = ""
+    topic_word: str = ""
 
 
 _FLOAT_ARRAY = TemperatureKind(

@@ -1,4 +1,4 @@
-/* Messages of a block of MCAP records, one after another; see bag/mcap_block.py. */
+/* Messages of a block of MCAP records, one after another; see bag/mcap_records.py. */
 
 #include <string.h>
 
