@@ -295,21 +295,26 @@ class JointStateIngest:
         joints = ", ".join(sorted(self.conflicting_joints))
         coarse, grid_ns = self.conflicts.coarse > 0, self.conflicts.grid_ns
         if same and (coarse or not joints):
-            setting = "joint_states: {stamp_source: receive}"
+            remedy = "let the driver send a stamp for each state"
+            if not self._receive_time:
+                setting = "joint_states: {stamp_source: receive}"
+                remedy = "set joint_states.stamp_source to receive"
             grid = f", multiples of {1e-6 * grid_ns:.3g} ms" if grid_ns >= MIN_GRID_NS else ""
             sentence = (
                 f"stamps are coarser than the states{grid}: {same} joint states have the stamp of "
                 "the one before and positions on the way to the next one, "
-                f"{same + refused} are refused for it: set joint_states.stamp_source to receive"
+                f"{same + refused} are refused for it: {remedy}"
                 if coarse
                 else f"{same} joint states have the stamp of the one before and other positions, "
-                f"{same + refused} are refused for it: if stamps are coarse or do not change, set "
-                "joint_states.stamp_source to receive; if there are two publishers, stop one"
+                f"{same + refused} are refused for it: if stamps are coarse or do not change, "
+                f"{remedy}; if there are two publishers, stop one"
             )
         elif self.conflicts.last_ns is not None:
+            bursts = ", or states are received in bursts" if self._receive_time else ""
             sentence = (
                 f"the positions of {joints or 'some joints'} jump back and forth, as where two "
-                f"publishers contradict each other or rows are corrupt: {refused} samples refused"
+                f"publishers contradict each other or rows are corrupt{bursts}: {refused} samples "
+                "refused"
             )
         else:
             return []

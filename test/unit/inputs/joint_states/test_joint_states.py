@@ -354,6 +354,24 @@ def test_stamps_rounded_near_the_period_are_no_second_publisher(cut):
     assert finding.setting == "joint_states: {stamp_source: receive}"
 
 
+@pytest.mark.parametrize(
+    ("late", "words"),
+    [(0.0, "let the driver send a stamp for each state"), (0.006, "or states are received in bu")],
+)
+def test_times_of_receipt_are_not_advised_where_they_are_in_use(late, words):
+    """125 Hz received in steps of 10 ms, or every second state late."""
+    at = np.arange(1000) / 125
+    q = 0.9 * np.sin(4.3 * at)
+    received = 1 + (at + late * (np.arange(1000) % 2) if late else np.round(at, 2))
+    sent = [message(t, NAMES, (p, 0.3 * p), ()) for t, p in zip(at, q, strict=True)]
+    source = JointStateSource(stamp_source="receive")
+    ingest = JointStateIngest(NAMES, limits=limits(), source=source)
+    ingest.step(batch(sent, received=np.rint(received * SECOND).astype(np.int64)))
+    (finding,) = ingest.findings()
+    assert words in finding.sentence
+    assert finding.setting == ""
+
+
 def test_all_exactly_zero_for_seconds_is_flagged_and_still_used():
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, moving(np.zeros(1000)))
