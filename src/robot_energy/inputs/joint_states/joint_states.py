@@ -310,11 +310,10 @@ class JointStateIngest:
                 f"{remedy}; if there are two publishers, stop one"
             )
         elif self.conflicts.last_ns is not None:
-            bursts = ", or states are received in bursts" if self._receive_time else ""
             sentence = (
                 f"the positions of {joints or 'some joints'} jump back and forth, as where two "
-                f"publishers contradict each other or rows are corrupt{bursts}: {refused} samples "
-                "refused"
+                "publishers contradict each other, stamps are rounded or late, or rows are "
+                f"corrupt: {refused} samples refused"
             )
         else:
             return []

@@ -356,7 +356,7 @@ def test_stamps_rounded_near_the_period_are_no_second_publisher(cut):
 
 @pytest.mark.parametrize(
     ("late", "words"),
-    [(0.0, "let the driver send a stamp for each state"), (0.006, "or states are received in bu")],
+    [(0.0, "let the driver send a stamp for each state"), (0.006, "stamps are rounded or late")],
 )
 def test_times_of_receipt_are_not_advised_where_they_are_in_use(late, words):
     """125 Hz received in steps of 10 ms, or every second state late."""
