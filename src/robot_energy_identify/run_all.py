@@ -163,8 +163,10 @@ def identify_everything(
             cabinet = steps[-2]
             if isinstance(cabinet.found, CabinetFit) and cabinet.taken:
                 steps[-2:] = in_turns(cabinet, step, bags, base, source)
-                likely = with_likely_fan(steps[-1].model, cabinet.found.fan_likely)
-                steps[-1] = replace(steps[-1], model=likely)
+        if {part.subject for part in steps[-2:]} == {"cabinet", "drives"}:
+            fits = [part.found for part in steps[-2:] if isinstance(part.found, CabinetFit)]
+            likely = sum(fit.fan_likely for fit in fits)
+            steps[-1] = replace(steps[-1], model=with_likely_fan(steps[-1].model, likely))
         now = steps[-1].model
         if subject == "friction":
             base = now

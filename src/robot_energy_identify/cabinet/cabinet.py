@@ -324,30 +324,27 @@ def with_cabinet(model: RobotModel, fit: CabinetFit, source: str) -> RobotModel:
     if fit.loss_grid is not None and fit.loss_grid_std is None and fit.hold is not None:
         known = f"{fit.hold.power:.4g} +- {total(fit.parts['sum']):.2g} W"
         update["loss_grid"] = only_the_sum(fit.loss_grid, f"both sides, {known}", source)
-    model = model.changed(cabinet=model.cabinet.model_copy(update=update))
-    return with_likely_fan(model, fit.fan_likely)
+    return model.changed(cabinet=model.cabinet.model_copy(update=update))
 
 
 def with_likely_fan(model: RobotModel, power: float) -> RobotModel:
     """Return a model whose loss on the grid side errs by a fan that may run or not.
 
     Args:
-        model: Any model; where it has a covariance, that holds it.
+        model: With all that depends on this loss, as the loss on the DC side is the rest of a sum.
         power: Of the fan; 0 changes nothing. [W]
     """
     if not power:
         return model
-    known = model.covariance
+    side, known = model.cabinet.loss_grid, model.covariance
+    std = float(np.hypot(figure_std(side, "loss_grid"), power))
+    cabinet = model.cabinet.model_copy(update={"loss_grid": side.model_copy(update={"std": std})})
     if known is not None and "loss_grid" in known.figures:
         at = known.figures.index("loss_grid")
         rows = [list(row) for row in known.matrix]
         rows[at][at] += power**2
-        matrix = tuple(tuple(row) for row in rows)
-        return model.changed(covariance=known.model_copy(update={"matrix": matrix}))
-    side = model.cabinet.loss_grid
-    std = float(np.hypot(figure_std(side, "loss_grid"), power))
-    grid = side.model_copy(update={"std": std})
-    return model.changed(cabinet=model.cabinet.model_copy(update={"loss_grid": grid}))
+        known = known.model_copy(update={"matrix": tuple(tuple(row) for row in rows)})
+    return model.changed(cabinet=cabinet, covariance=known)
 
 
 def _feeding(recording: Recording) -> NDArray[np.bool_]:

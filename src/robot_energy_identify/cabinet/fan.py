@@ -37,6 +37,7 @@ from robot_energy_identify.drives.total_power import BY_LEVELS
 
 SURE = 5.0  # deviations of a step; without a fan the greatest of a warm-up are below 4
 BY_LEVELS_SURE, LIKELY = 4.0, 3.0  # of levels: of a fan, and of constants that are less sure
+UNKNOWNS = 3  # of levels: constant, slope and step, which more recordings test
 MOST, LEAST = 48, 12  # rests on each side of a step
 AROUND = 6  # rests to each side, between which it may lie
 FALL = 1.0  # K below its highest temperature, beyond which the warmest motor cools
@@ -119,11 +120,13 @@ def _by_levels(recordings: Sequence[Recording]) -> FanFound | None:
     step = level_step(levels)
     if step is None or step.score < LIKELY:
         return None
-    if step.score < BY_LEVELS_SURE:
+    # Levels of one recording have its error in common, so they test nothing between recordings.
+    if step.score < BY_LEVELS_SURE or len(np.unique(levels.recording)) <= UNKNOWNS:
         reason = NotIdentifiableError(
             f"levels of the power look like a fan of {step.power:.0f} W that starts between "
             f"{step.below:.0f} and {step.above:.0f} degC, at {step.score:.1f} deviations: {levels}",
-            f"{BY_LEVELS_SURE:g} deviations, or the step of its start",
+            f"{BY_LEVELS_SURE:g} deviations in more than {UNKNOWNS} recordings, or the step of its "
+            "start",
             UNTIL_IT_RUNS,
         )
         return FanFound(None, str(reason), step.power)

@@ -137,6 +137,8 @@ def level_step(levels: FanLevels) -> LevelStep | None:
     falls and flattens looks like a slope and a step up. No recording has levels on both sides:
     what changes within one is a step at rest, or no fan.
     """
+    if not len(levels.power):
+        return None
     size = float(np.median(levels.power))
     same = levels.recording[:, None] == levels.recording
     errors = (OF_RECORDING * size) ** 2 * same + (OF_LEVEL * size) ** 2 * np.eye(len(same))

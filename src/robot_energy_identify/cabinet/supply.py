@@ -14,7 +14,12 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.cabinet import CabinetStage, FanStage
-from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_cabinet
+from robot_energy_identify.cabinet.cabinet import (
+    CabinetFit,
+    fit_cabinet,
+    with_cabinet,
+    with_likely_fan,
+)
 from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, with_link
 from robot_energy_identify.cabinet.fan import with_fan
 from robot_energy_identify.data.recordings import Recording, spread
@@ -88,7 +93,7 @@ def fit_supply(
                 cabinet, model = again, with_cabinet(given, again, source)
     if link is not None and not reason:
         model, note = with_link(model, link, source, voltages)
-    model = with_response(model, low_pass, delay, source)
+    model = with_likely_fan(with_response(model, low_pass, delay, source), fan.likely)
     return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
 
 

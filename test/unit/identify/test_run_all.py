@@ -13,16 +13,18 @@ from rich.console import Console
 
 import drive_reports
 from plants import PROGRAM, two_link_profile
+from robot_energy.certainty.priors import figure_std
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import Progress, replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
-from robot_energy.timeline.blocks import EffortMeaning, MeterLocation, Phase
+from robot_energy.timeline.blocks import EffortMeaning, Float, MeterLocation, Phase
 from robot_energy_identify import run_all, steps
-from robot_energy_identify.cabinet import fan
+from robot_energy_identify.cabinet import fan, supply
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
-from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of
+from robot_energy_identify.cabinet.supply import fit_supply
+from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of, read_all
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower, drive_topics
@@ -364,24 +366,50 @@ def test_the_model_says_what_it_was_made_from(
     assert sha256_of(bags_in(folder)[0].path) == read[0].sha256  # of the messages, not of the index
 
 
-def test_a_likely_fan_changes_no_watt_and_widens_the_sum_of_the_constants_by_its_power(
-    folder: Path, model: RobotModel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def constants(monkeypatch: pytest.MonkeyPatch) -> None:
+    """25 W at rest, as the rig of these bags has no rest."""
     hold = Level(25.0, 0.5, 10, 5, 0.0)
     grid = MeterLocation.GRID
     fit = CabinetFit(grid, hold, None, 25.0, None, None, None, (), {"sum": hold.parts})
-    for place in (steps, run_all):
+    for place in (steps, run_all, supply):
         monkeypatch.setattr(place, "fit_cabinet", lambda *_: fit)
 
-    def found(likely: float) -> tuple[RobotModel, float]:
+
+@pytest.mark.usefixtures("constants")
+def test_a_likely_fan_changes_no_watt_and_widens_the_grid_side_alone_by_its_power(
+    folder: Path, model: RobotModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def found(likely: float) -> tuple[RobotModel, Float]:
         monkeypatch.setattr(fan, "_by_levels", lambda _: fan.FanFound(None, "levels", likely))
         skip: list[Subject] = ["dynamics", "friction", "capacitor", "thermal"]
         written = identify_everything(bags_in(folder), model, skip).model
         assert written.covariance is not None
         sides = [written.covariance.figures.index(name) for name in ("loss_dc", "loss_grid")]
-        return written, float(np.array(written.covariance.matrix)[np.ix_(sides, sides)].sum())
+        return written, np.array(written.covariance.matrix)[np.ix_(sides, sides)]
 
     (same, before), (other, after) = found(0.0), found(40.0)
-    assert after == pytest.approx(before + 40.0**2, rel=1e-3)
+    assert after - before == pytest.approx(np.diag([0.0, 40.0**2]), abs=1e-3)
+    assert other.cabinet.loss_grid.std == pytest.approx(after[1, 1] ** 0.5)
+    assert other.cabinet.loss_dc == same.cabinet.loss_dc
     assert other.constant_power() == same.constant_power()
     assert other.cabinet.fan is None
+
+
+@pytest.mark.usefixtures("constants")
+@pytest.mark.parametrize("verb", ["cabinet", "all"])
+def test_a_likely_fan_is_in_the_grid_side_without_losses_of_the_drives(
+    folder: Path, model: RobotModel, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    def found(likely: float) -> RobotModel:
+        monkeypatch.setattr(fan, "_by_levels", lambda _: fan.FanFound(None, "levels", likely))
+        bags = bags_in(folder)
+        if verb == "cabinet":
+            return fit_supply(read_all(bags, model), "bags").model
+        skip: list[Subject] = ["dynamics", "friction", "drives", "capacitor", "thermal"]
+        return identify_everything(bags, model, skip).model
+
+    same, other = found(0.0), found(40.0)
+    before = figure_std(same.cabinet.loss_grid, "loss_grid")
+    assert other.cabinet.loss_grid.std == pytest.approx(np.hypot(before, 40.0))
+    assert other.cabinet.loss_dc == same.cabinet.loss_dc

@@ -1,5 +1,7 @@
 """A fan by the levels of recordings with it and without it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from robot_energy.model.schema import CabinetFan, Covariance
 from robot_energy_identify.cabinet import fan
 from robot_energy_identify.cabinet.cabinet import with_likely_fan
 from robot_energy_identify.cabinet.levels import FanLevels, level_step
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 from robots import figure
 
 COLD = np.array([20.0, 25.0, 30.0, 35.0])  # degC, of a warm-up that ends before the fan starts
@@ -66,25 +69,45 @@ def test_where_the_start_lies_is_as_wide_as_the_levels_leave_it():
     assert (found.below, found.above) == (35.0, 60.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_no_levels_show_nothing_and_warn_of_nothing():
+    assert level_step(levels([], (), ())) is None
+
+
 SHORT = levels([100.0, 135.0, 135.0], (20.0, 40.0, 60.0), (0, 1, 2))
+CLEAR = levels([100.0, 150.0, 150.0], (20.0, 40.0, 60.0), (0, 1, 2))
+LONG = levels([100.0, 100.0, 150.0, 150.0], (20.0, 22.0, 40.0, 60.0), (0, 0, 1, 2))
+MORE = levels([100.0, 100.0, 150.0, 150.0], (20.0, 22.0, 40.0, 60.0), (0, 3, 1, 2), "abcd")
 
 
 def no_step(recordings):
     raise NotIdentifiableError("no step")
 
 
-def test_levels_of_three_soaked_recordings_make_a_fan_likely_and_not_sure(monkeypatch):
-    """A step and a slope leave no level to test them."""
-    monkeypatch.setattr(fan, "levels_of", lambda recordings: SHORT)
+@pytest.mark.parametrize("some", [SHORT, CLEAR, LONG])
+def test_levels_of_three_recordings_make_a_fan_likely_and_not_sure(monkeypatch, some):
+    """A step and a slope leave no recording to test them, however many deviations it has."""
+    monkeypatch.setattr(fan, "levels_of", lambda recordings: some)
     monkeypatch.setattr(fan, "_usable", lambda part: part is not None)
     monkeypatch.setattr(fan, "find_fan", no_step)
     model = load("ur10e")
     same, found = fan.with_fan(model, [SHORT], "bags")
     assert same is model
     assert found.fan is None
-    assert found.likely == pytest.approx(35.0)
-    assert "a 100 W at 20 degC, b 135 W at 40 degC, c 135 W at 60 degC" in found.reason
+    assert found.likely == pytest.approx(some.power[-1] - some.power[0])
+    hot = f"{some.power[-1]:.0f} W at"
+    assert "a 100 W at 20" in found.reason
+    assert f"b {hot} 40 degC, c {hot} 60 degC" in found.reason
     assert "Let the warm-up go on until the fan of the cabinet runs" in found.reason
+
+
+def test_levels_of_four_recordings_show_a_fan(monkeypatch):
+    monkeypatch.setattr(fan, "levels_of", lambda recordings: MORE)
+    monkeypatch.setattr(fan, "_usable", lambda part: True)
+    monkeypatch.setattr(fan, "find_fan", no_step)
+    recording = SimpleNamespace(sensors=DEFAULT_LIMITS)
+    _, found = fan.with_fan(load("ur10e"), [recording], "bags")
+    assert found.fan.power == pytest.approx(50.0)
 
 
 def test_levels_are_not_looked_at_where_the_model_has_a_fan(monkeypatch):
@@ -107,4 +130,4 @@ def test_a_likely_fan_is_in_the_deviation_of_power_and_energy_at_rest():
     both = Covariance(figures=("loss_dc", "loss_grid"), matrix=((10.0, -9.0), (-9.0, 9.0)))
     known = with_likely_fan(model.changed(covariance=both), 4.0)
     assert known.covariance.matrix == ((10.0, -9.0), (-9.0, 25.0))  # of their sum 1 + 16
-    assert known.cabinet == model.cabinet
+    assert known.cabinet.loss_grid.std == pytest.approx(5.0)
