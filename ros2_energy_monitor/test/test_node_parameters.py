@@ -227,7 +227,7 @@ def test_sources_are_groups_of_parameters(bench):
     }
     descriptor = node.describe_parameter("arm.unit")
     assert descriptor.read_only
-    assert descriptor.additional_constraints == "one of degc, kelvin"
+    assert descriptor.additional_constraints == "one of degc, kelvin, fahrenheit"
     assert not node.set_parameters([Parameter("arm.unit", value="degc")])[0].successful
 
 

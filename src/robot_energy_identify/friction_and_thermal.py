@@ -10,7 +10,10 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.friction.apart import recordings_apart
+from robot_energy_identify.friction.apart import (
+    recordings_apart,
+    recordings_without_temperature,
+)
 from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
 from robot_energy_identify.friction.samples import friction_data
@@ -39,7 +42,9 @@ class FrictionFound(Described):
         HoldFit | None, "What motors hold at rest; None where too few rests show it."
     ] = None
     apart: Annotated[
-        tuple[str, ...], "Recordings whose friction is not that of the others, one sentence each."
+        tuple[str, ...],
+        "Recordings whose friction is not that of the others, or that lack temperatures others "
+        "have, one sentence each.",
     ] = ()
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
@@ -67,6 +72,7 @@ def find_friction(
     hold = fit_hold(recordings, with_friction(model, fits, source))
     names = [part.path.name for part in recordings]
     apart = recordings_apart(names, axes, fits, model)
+    apart += recordings_without_temperature(recordings)
     return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold, apart)
 
 

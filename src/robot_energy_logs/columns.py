@@ -21,12 +21,13 @@ FACTORS = {
     **{"rad_per_s": 1.0, "deg_per_s": DEGREE, "m_per_s": 1.0, "mm_per_s": 1e-3},
     "rpm": 0.10471975511965977,
     **{"newton_metre": 1.0, "newton": 1.0, "ampere": 1.0, "milliampere": 1e-3},
-    **{"degc": 1.0, "celsius": 1.0, "kelvin": 1.0, "V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3},
+    **{"degc": 1.0, "celsius": 1.0, "kelvin": 1.0, "fahrenheit": 5 / 9},
+    **{"V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3},
     **POWER_UNITS,
     **ENERGY_UNITS,
 }
 """What one of each unit is in SI or, of temperatures, in degC apart from their zero."""
-ZEROS = {"kelvin": -273.15}  # degC
+ZEROS = {"kelvin": -273.15, "fahrenheit": -160 / 9}  # degC
 SPELLINGS = {
     **{"rad": "rad", "deg": "deg", "\N{DEGREE SIGN}": "deg", "grad": "deg", "m": "m", "mm": "mm"},
     **{"rad/s": "rad_per_s", "deg/s": "deg_per_s", "\N{DEGREE SIGN}/s": "deg_per_s"},
@@ -34,6 +35,7 @@ SPELLINGS = {
     **{"rpm": "rpm", "1/min": "rpm", "u/min": "rpm"},
     **{"nm": "newton_metre", "n m": "newton_metre", "n": "newton"},
     **{"a": "ampere", "ma": "milliampere", "w": "W", "kw": "kW"},
+    **{"f": "fahrenheit", "\N{DEGREE SIGN}f": "fahrenheit", "degf": "fahrenheit"},
     **{"k": "kelvin", "kelvin": "kelvin", "c": "degc", "\N{DEGREE SIGN}c": "degc", "degc": "degc"},
 }
 """Units in the words of files, small letters, and in those of a mapping. Grad is German."""
@@ -191,7 +193,7 @@ class Joints(MappingEntry):
     position: PositionColumn | None = None
     velocity: Velocity | None = None
     effort: EffortColumns | None = None
-    temperature: Columns[Literal["degc", "celsius", "kelvin"]] | None = None
+    temperature: Columns[Literal["degc", "celsius", "kelvin", "fahrenheit"]] | None = None
     drive_power: Columns[Literal["W", "kW", "mW"]] | None = None
     current_d: Columns[Literal["ampere", "milliampere"]] | None = None
     current_q: Columns[Literal["ampere", "milliampere"]] | None = None

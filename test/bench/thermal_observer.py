@@ -194,7 +194,7 @@ def main() -> int:
     """Print the tables; 1 if a goal is missed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--plants", type=int, default=6, help="drawn plants, of three robots in turn"
+        "--plants", type=int, default=6, help="drawn plants, of three robots in turn; 0: none"
     )
     parser.add_argument("--cpu", action="store_true", help="the CPU alone")
     args = parser.parse_args()
@@ -202,7 +202,8 @@ def main() -> int:
     kept = [show_cpu()]
     if not args.cpu:
         plants = [hidden_sensors(ROBOTS[k % len(ROBOTS)], k) for k in range(args.plants)]
-        kept.append(show_rig(plants))
+        if plants:
+            kept.append(show_rig(plants))
         data = os.environ.get("ROBOT_ENERGY_DATA")
         if data:
             mapping = load_mapping(MAPPING)

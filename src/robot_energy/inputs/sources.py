@@ -97,7 +97,7 @@ class TemperatureSource:
 
     topic: str = parameter("Topic of the messages.", "motor_temperatures")
     type: str = parameter("Type of the messages.", MOTOR_TEMPERATURES, choices=TEMPERATURE_KINDS)
-    unit: str = parameter("Unit of the values.", "degc", choices=("degc", "kelvin"))
+    unit: str = parameter("Unit of the values.", "degc", choices=("degc", "kelvin", "fahrenheit"))
     scale: float = parameter(
         "Factor on the values, 0.1 for tenths of a degree [-].", 1.0, (1e-9, 1e9)
     )

@@ -12,6 +12,8 @@ import numpy as np
 from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
+from robot_energy.inputs.joint_states.partial_states import SAME_STAMP
+from robot_energy.inputs.joint_states.publisher_conflicts import CONFLICTING
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Settings
@@ -46,6 +48,7 @@ MIN_SPEED_RATIO = 3.0  # of fastest to slowest motion, to separate Coulomb from 
 MIN_MOVING = 10.0  # s of motion of a joint
 MIN_REST = 1.0  # s of rest, for the constant losses
 MAX_REFUSED = 0.05  # share of the joint states
+HOT_DEGC = 110.0  # motors of robots hardly work above; 43 degC in degrees Fahrenheit
 
 Check = Callable[[Evidence], tuple[list[Finding], str]]
 SPOILING = (
@@ -191,6 +194,8 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
     if share <= MAX_REFUSED or (first == "impossible_velocity" and set(wrong) & set(SPOILING)):
         return []
     reasons = ", ".join(f"{100 * one:.1f} % {reason}" for reason, one in remarks.refused.items())
+    if first == CONFLICTING and SAME_STAMP in remarks.refused:
+        first = SAME_STAMP  # for which the others are refused
     return [
         Finding("joint_states_refused", ERROR, ("joint_states",),
                 f"{100 * share:.1f} % of the joint states were refused: {reasons}",
@@ -214,6 +219,20 @@ def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
                 f"the motor temperature of {', '.join(remarks.stuck)} does not change although the "
                 "losses must have warmed it",
                 float(len(remarks.stuck)), float("nan"), "check these sensors",
+            )
+        )  # fmt: skip
+    hot = [
+        name
+        for name, degc in zip(evidence.names, evidence.temperature_degc.T, strict=True)
+        if np.count_nonzero(degc > HOT_DEGC) > 0.5 * len(degc)
+    ]
+    if hot:
+        findings.append(
+            Finding(
+                "temperature_hot", WARNING, tuple(hot),
+                f"the motor temperature of {', '.join(hot)} is above {HOT_DEGC:g} degC most of the "
+                "time: is its unit degrees Fahrenheit?",
+                float(len(hot)), float("nan"), "set unit: fahrenheit of their temperature source",
             )
         )  # fmt: skip
     without = [

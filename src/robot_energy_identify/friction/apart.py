@@ -1,4 +1,4 @@
-"""Recordings whose friction is not that of the others at the temperatures that were read."""
+"""Recordings whose friction is not that of the others, or that lack temperatures others have."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
+from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.friction.friction import FrictionFit, with_friction
 from robot_energy_identify.friction.samples import FrictionData, moving_rows
 
@@ -62,4 +63,18 @@ def recordings_apart(
         "record temperatures in between, or leave out the recording that is wrong"
         for name, share, far in zip(names, shares, off, strict=True)
         if far.sum() >= MIN_AXES
+    )
+
+
+def recordings_without_temperature(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return the recordings that lack a temperature that others have, one sentence each."""
+    read = np.array(
+        [np.isfinite(part.power.motor_temperature_degc).any(axis=0) for part in recordings]
+    )
+    lacking = ~read & read.any(axis=0)
+    return tuple(
+        f"{part.path.name}: no motor temperature of {', '.join(joints)}, whose friction is found "
+        "without this recording; check these sensors, or name their topic with --inputs"
+        for part, row in zip(recordings, lacking, strict=True)
+        if (joints := [part.model.joint_names[k] for k in np.flatnonzero(row).tolist()])
     )

@@ -80,7 +80,9 @@ class FrictionReport(Result, name="friction"):
         HoldFit | None, "What motors hold at rest; None where too few rests show it."
     ] = None
     apart: Annotated[
-        Texts, "Recordings whose friction is not that of the others, one sentence each."
+        Texts,
+        "Recordings whose friction is not that of the others, or that lack temperatures others "
+        "have, one sentence each.",
     ] = ()
 
     @property
@@ -211,7 +213,7 @@ def identification_report(
         notes: What does not fit the model as given, one sentence each.
     """
     friction = next((one.found for one in whole.steps if one.subject == "friction"), None)
-    apart = friction.apart if isinstance(friction, FrictionFound) else ()
+    found = friction if isinstance(friction, FrictionFound) else FrictionFound((), ())
     return IdentificationReport(
         model=model,
         given=whole.given,
@@ -227,8 +229,25 @@ def identification_report(
         mean_error={stage: test.mean_error(stage) for stage in test.stages}
         if test is not None and test.metered
         else {},
-        notes=(*notes, *apart, *_without_warm_up(model, recordings)),
+        notes=(
+            *notes,
+            *found.apart,
+            *_without_temperature(found),
+            *_without_warm_up(model, recordings),
+        ),
     )
+
+
+def _without_temperature(found: FrictionFound) -> list[str]:
+    """Name the axes whose friction is a constant because no recording has their temperature."""
+    axes = [fit.name for fit in found.fits if np.isnan(fit.range_degc[0])]
+    if not axes:
+        return []
+    return [
+        f"no motor temperature of {', '.join(axes)}, so that friction is a constant there, that of "
+        "the temperatures at which it was recorded: check these sensors, or name their topic with "
+        "--inputs"
+    ]
 
 
 def _without_warm_up(model: RobotModel, recordings: Sequence[BagFacts]) -> list[str]:

@@ -225,7 +225,9 @@ def test_coarse_stamps_that_cost_joint_states_are_named_and_the_remedy_works(tmp
 
     bag = rewrite(SOUND, tmp_path / "bag", coarse, None, 4.0)
     result = check(bag, load("kr16"))
-    assert [entry.cause for entry in result.errors] == ["joint_states_refused"]
+    (error,) = result.errors
+    assert error.cause == "joint_states_refused"
+    assert "set joint_states.stamp_source to receive" in error.remedy
     (setting,) = [entry.remedy for entry in result.findings if entry.cause == "joint_states"]
     inputs = read_with(setting, tmp_path / "inputs.yaml")
     assert not check(bag, load("kr16"), inputs=inputs).errors
@@ -288,6 +290,27 @@ def test_a_meter_that_reads_far_more_or_less_than_the_robot_takes_is_named(tmp_p
     far = rewrite(SOUND, tmp_path / "far", None, factor(0.03), SECONDS)  # of no known unit
     result = check(far, load("kr16"))
     assert "unjudged.meter_unit" in {entry.cause for entry in result.findings}
+
+
+def test_temperatures_in_degrees_fahrenheit_are_asked_about_where_they_show(tmp_path):
+    def fahrenheit(message):
+        message.temperature_degc = 1.8 * message.temperature_degc + 32.0
+
+    kind = "ros2_energy_msgs/msg/MotorTemperatures"
+    warm = ROOT / "bags/kr16_warm"
+    bag = rewrite(warm, tmp_path / "bag", None, None, 8.0, others={kind: fahrenheit})
+    (finding,) = [
+        entry
+        for entry in check(bag, load("kr16"), MOTOR_TORQUE).findings
+        if entry.cause == "temperature_hot"
+    ]
+    assert finding.subject == NAMES
+    inputs = read_with(
+        "temperature_sources: [motors]\nmotors: {topic: motor_temperatures, unit: fahrenheit}",
+        tmp_path / "inputs.yaml",
+    )
+    mended = check(bag, load("kr16"), MOTOR_TORQUE, inputs=inputs)
+    assert "temperature_hot" not in loud(mended)
 
 
 def test_temperatures_missing_of_a_joint_are_named(tmp_path):

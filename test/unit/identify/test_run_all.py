@@ -228,6 +228,19 @@ def test_an_axis_without_temperature_gets_a_constant_and_the_other_its_law(
     assert 0.0 < elbow.viscous.std < 0.5 * elbow.viscous.value
     assert shoulder == other
     assert shoulder.law != "constant"
+    (note,) = identification_report(result, result.model, (), (), None).notes
+    assert note.startswith("no motor temperature of elbow, so that friction is a constant there")
+
+
+def test_a_recording_without_the_temperature_of_one_axis_is_named(
+    folder: Path, whole: FullIdentification
+) -> None:
+    others = ("dynamics", "cabinet", "drives", "capacitor")
+    bags = [*bags_in(folder)[:2], bags_in(folder, "elbow temperature")[2]]
+    result = identify_everything(bags, whole.step("dynamics").model, others)
+    (note,) = identification_report(result, result.model, (), (), None).notes
+    assert note.startswith("at_55: no motor temperature of elbow, whose friction is found without")
+    assert not identification_report(whole, whole.model, (), (), None).notes
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentification) -> None:

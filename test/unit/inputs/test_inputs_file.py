@@ -62,7 +62,7 @@ def test_probable_misspellings_are_named(tmp_path):
         ("a: [", "is not valid YAML"),
         ("/**: &a\n  ros__parameters: {b: *a}\n", "a YAML alias"),
         ("/**: {ros__parameters: {temperature_sources: arm}}\n", "is 'arm'; expected a list"),
-        ("/**: {ros__parameters: {motors: {unit: celsius}}}\n", "one of degc, kelvin"),
+        ("/**: {ros__parameters: {motors: {unit: celsius}}}\n", "one of degc, kelvin, fahrenheit"),
         ("/**: {ros__parameters: {motors: {names: [f]}}}\n", "'motors' of .*joints is empty"),
         (
             "a: {ros__parameters: {motors.unit: degc}}\n"

@@ -20,13 +20,19 @@ EXAMPLES = ROOT / "src" / "examples" / "mappings"
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
 
-def test_units_signs_and_meter_reach_the_bag_in_si(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("unit", "degrees"),
+    [("kelvin", (293.15, 300.15, 301.15)), ("fahrenheit", (68.0, 80.6, 82.4))],
+)
+def test_units_signs_and_meter_reach_the_bag_in_si(
+    unit: str, degrees: tuple[float, float, float], tmp_path: Path
+) -> None:
     log = write_csv(
         tmp_path / "log.csv",
         "ms,q1,q2,v1,v2,i1,i2,k1,k2,e",
         [
-            "0,180,90,18,9,100,200,293.15,300.15,1",
-            "10,181,91,18,9,100,200,,301.15,2",
+            f"0,180,90,18,9,100,200,{degrees[0]},{degrees[1]},1",
+            f"10,181,91,18,9,100,200,,{degrees[2]},2",
             "20,182,92,18,9,100,200,,,",
         ],
     )
@@ -36,7 +42,7 @@ def test_units_signs_and_meter_reach_the_bag_in_si(tmp_path: Path) -> None:
         "position": {"column": "q{joint}", "unit": "deg", "sign": [1, -1]},
         "velocity": {"columns": ["v1", "v2"], "unit": "deg_per_s", "sign": [1, -1]},
         "effort": {"column": "i{joint}", "unit": "milliampere"},
-        "temperature": {"column": "k{joint}", "unit": "kelvin"},
+        "temperature": {"column": "k{joint}", "unit": unit},
     }
     meter = {
         "location": "dc_bus",

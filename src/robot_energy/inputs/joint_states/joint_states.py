@@ -56,6 +56,7 @@ if TYPE_CHECKING:
 
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
+MIN_GRID_NS = SECOND_NS // 10_000  # a driver rounds its stamps to no less
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
 BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
 KNOWN = 3  # states of zeros that show their publisher
@@ -292,17 +293,27 @@ class JointStateIngest:
         setting = ""
         refused, same = self.rejections.rejected[CONFLICTING], self.rejections.rejected[SAME_STAMP]
         joints = ", ".join(sorted(self.conflicting_joints))
-        if same and not joints:
-            setting = "joint_states: {stamp_source: receive}"
+        coarse, grid_ns = self.conflicts.coarse > 0, self.conflicts.grid_ns
+        if same and (coarse or not joints):
+            remedy = "let the driver send a stamp for each state"
+            if not self._receive_time:
+                setting = "joint_states: {stamp_source: receive}"
+                remedy = "set joint_states.stamp_source to receive"
+            grid = f", multiples of {1e-6 * grid_ns:.3g} ms" if grid_ns >= MIN_GRID_NS else ""
             sentence = (
-                f"{same} joint states have the stamp of the one before and other positions, "
-                f"{same + refused} are refused for it: if stamps are coarse or do not change, set "
-                "joint_states.stamp_source to receive; if there are two publishers, stop one"
+                f"stamps are coarser than the states{grid}: {same} joint states have the stamp of "
+                "the one before and positions on the way to the next one, "
+                f"{same + refused} are refused for it: {remedy}"
+                if coarse
+                else f"{same} joint states have the stamp of the one before and other positions, "
+                f"{same + refused} are refused for it: if stamps are coarse or do not change, "
+                f"{remedy}; if there are two publishers, stop one"
             )
         elif self.conflicts.last_ns is not None:
             sentence = (
                 f"the positions of {joints or 'some joints'} jump back and forth, as where two "
-                f"publishers contradict each other or rows are corrupt: {refused} samples refused"
+                "publishers contradict each other, stamps are rounded or late, or rows are "
+                f"corrupt: {refused} samples refused"
             )
         else:
             return []

@@ -72,7 +72,7 @@ class PartialStateMerger:
     Args:
         log: Where messages are counted. One with some of the joints is accepted when its
             readings are taken; one of the leading joint when it makes a sample.
-        dispute: Takes the stamps of messages that contradict each other.
+        dispute: Takes stamps and positions of messages that contradict earlier ones.
         limits: Limits from the URDF; None to do without.
         max_gap: Longest gap between readings of a joint, as of `StampOrder`. [s]
 
@@ -89,7 +89,7 @@ class PartialStateMerger:
         self,
         n_joints: int,
         log: RejectionLog,
-        dispute: Callable[[Iterable[int]], None],
+        dispute: Callable[[Iterable[int], Iterable[Float]], None],
         limits: JointLimits | None,
         max_gap: float = BY_PERIOD,
     ) -> None:
@@ -168,7 +168,8 @@ class PartialStateMerger:
         kept = np.concatenate([kept[:1] if last is None else last.joint_position, kept])
         newest = np.cumsum(fresh)
         conflict = _differ(block.joint_position[again], kept[newest[again]]).any(axis=1)
-        self._dispute(block.stamp_ns[again[conflict]].tolist())
+        refused = again[conflict]
+        self._dispute(block.stamp_ns[refused].tolist(), block.joint_position[refused])
         self._log.reject(SAME_STAMP, int(conflict.sum()))
         self._log.reject("duplicate_stamp", int((~conflict).sum()))
         self._log.reject(OLDER, int((~fresh).sum()) - len(again))
@@ -208,7 +209,8 @@ class PartialStateMerger:
         self._log.reject(SAME_STAMP, int((conflict & ~used).sum()))
         self._log.reject("duplicate_stamp", int((same & ~conflict & ~used).sum()))
         self._log.reject(OLDER, int((~used & ~same & ~conflict).sum()))
-        self._dispute([*disputes, *stamp[conflict].tolist()])
+        self._dispute(disputes, np.full((len(disputes), self._n_joints), np.nan))
+        self._dispute(stamp[conflict].tolist(), block.joint_position[conflict])
         return self._decide(closing=False)
 
     def _fresh(

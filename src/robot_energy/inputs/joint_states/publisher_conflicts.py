@@ -6,6 +6,7 @@ Signs are steps of positions that no motion makes, and that go forth and back.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import gcd
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,7 +218,8 @@ class PublisherConflictFilter:
     after a lone leap wait a quarter of a second: if it leaps back, they are refused with it,
     so that nothing of a false position is used. Where it leads back to where the robot can be,
     and no other does so within five seconds, these samples alone are lost: one publisher sent a
-    position that is corrupt. A leap that stays is a jump of one publisher (an
+    position that is corrupt. Messages of one stamp that lie on the way to the next sample show
+    coarse stamps. A leap that stays is a jump of one publisher (an
     encoder referenced again) and begins a new segment. After a sign, samples are refused
     until a second has passed without another.
 
@@ -227,6 +229,9 @@ class PublisherConflictFilter:
         held: Samples that wait whether a leap comes back; None if there are none.
         astray_ns: Stamp at which the last leap came back that showed no second publisher;
             None if there was none. [ns]
+        coarse: Stamps with a message that lies between the sample of that stamp and the next one,
+            less those with one that does not.
+        grid_ns: What the stamps of the samples around them are multiples of. [ns]
     """
 
     def __init__(self, n_joints: int, log: RejectionLog, limits: JointLimits | None = None) -> None:
@@ -237,7 +242,8 @@ class PublisherConflictFilter:
         self.last_ns: int | None = None
         self.steps = PositionJumpDetector.of(n_joints, limits)
         self.held: JointBlock | None = None
-        self._disputes: list[int] = []  # stamps, for the first sample after each
+        self.coarse = self.grid_ns = 0
+        self._disputes: dict[int, Float] = {}  # position by stamp, for the first sample after each
         self.astray_ns: int | None = None
         self._last: tuple[int, Float] | None = None  # stamp and positions of the newest sample
         self._before: tuple[int, Float] | None = None  # the same, before those that wait
@@ -245,9 +251,14 @@ class PublisherConflictFilter:
         self._to_watch = 0  # time that must pass without a sign [ns]
         self._broken = False  # something is missing before the next sample
 
-    def dispute(self, stamps_ns: Iterable[int]) -> None:
-        """Note that messages of these stamps contradicted each other."""
-        self._disputes += stamps_ns
+    def dispute(self, stamps_ns: Iterable[int], positions: Iterable[Float]) -> None:
+        """Note that messages of these stamps contradicted earlier ones.
+
+        Args:
+            stamps_ns: Of the messages, in any order. [ns]
+            positions: Of each, shape (n,); NaN where it has no position. [rad] or [m]
+        """
+        self._disputes.update(zip(stamps_ns, positions, strict=True))
 
     def begin_epoch(self, restless: bool, stamp_ns: int) -> JointBlock | None:
         """Return the samples that waited; stamps jumped back, twice within a second if restless."""
@@ -283,13 +294,23 @@ class PublisherConflictFilter:
 
     def _disputed(self, samples: JointBlock) -> NDArray[np.bool_]:
         """Which samples are the first after messages that contradicted each other."""
-        after = np.searchsorted(samples.stamp_ns, self._disputes, side="right")
-        self._disputes = [
-            stamp for stamp, row in zip(self._disputes, after, strict=True) if row == len(samples)
-        ]
         disputed = np.zeros(len(samples), dtype=np.bool_)
-        disputed[after[after < len(samples)]] = True
+        for stamp in list(self._disputes):
+            row = int(np.searchsorted(samples.stamp_ns, stamp, side="right"))
+            if row < len(samples):
+                disputed[row] = True
+                self._compare(samples, row, stamp, self._disputes.pop(stamp))
         return disputed
+
+    def _compare(self, samples: JointBlock, row: int, stamp_ns: int, position: Float) -> None:
+        """Note whether a message lies between the sample of its stamp and the next one."""
+        before = self._last
+        if row:
+            before = int(samples.stamp_ns[row - 1]), samples.joint_position[row - 1]
+        if before is not None and before[0] == stamp_ns:
+            onward = (position - before[1]) * (samples.joint_position[row] - position)
+            self.coarse += int(np.sign(np.nansum(onward)))
+            self.grid_ns = gcd(self.grid_ns, stamp_ns, int(samples.stamp_ns[row]))
 
     def _note(self, stamp_ns: int) -> None:
         self.count += 1

@@ -28,11 +28,13 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 HEADER = ("header.stamp.sec", "header.stamp.nanosec")
 INTERFACES, INTERFACE_NUMBERS = "interface_values.interface_names", "interface_values.values"
-ZERO_DEGC = 273.15  # K
+TO_DEGC = {"degc": (1.0, 0.0), "kelvin": (1.0, 273.15), "fahrenheit": (5 / 9, 160 / 9)}
+"""Units of temperature: factor on a value, and what is subtracted then. [degC]"""
 NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 UNITS = {
     **dict.fromkeys(("c", "degc", "deg c", "celsius", "°c", "° c"), "degc"),
     **dict.fromkeys(("k", "kelvin"), "kelvin"),
+    **dict.fromkeys(("f", "degf", "deg f", "fahrenheit", "°f", "° f"), "fahrenheit"),
 }
 
 
@@ -145,7 +147,7 @@ class _Diagnostics:
     fields = (*HEADER, "status.name", "status.values.key", "status.values.value")
 
     def __init__(self, source: TemperatureSource) -> None:
-        self._kelvin = source.unit == "kelvin"
+        self._unit = source.unit
         joints = source.joints
         places = (
             values * len(joints) if len(values) == 1 else values
@@ -171,13 +173,14 @@ class _Diagnostics:
     def _number(self, text: str) -> float:
         """The value of a text in the unit of the source, NaN if it is none."""
         match = NUMBER.fullmatch(text)
-        unit = UNITS.get(match[2].lower()) if match and match[2] else ""
+        unit = UNITS.get(match[2].lower()) if match and match[2] else self._unit
         if match is None or unit is None:
             return float("nan")
         value = float(match[1])
-        if not unit or (unit == "kelvin") == self._kelvin:
+        if unit == self._unit:
             return value
-        return value + ZERO_DEGC if self._kelvin else value - ZERO_DEGC
+        (factor, offset), (own_factor, own_offset) = TO_DEGC[unit], TO_DEGC[self._unit]
+        return (value * factor - offset + own_offset) / own_factor
 
 
 @dataclass(frozen=True, kw_only=True)

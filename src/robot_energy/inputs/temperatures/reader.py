@@ -14,7 +14,7 @@ from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_names
 from robot_energy.inputs.sources import NO_JOINT, TemperatureSource
-from robot_energy.inputs.temperatures.kinds import ZERO_DEGC, Adapter, Said
+from robot_energy.inputs.temperatures.kinds import TO_DEGC, Adapter, Said
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float, Int, TemperatureBlock
 from robot_energy.timeline.stamps import BAD_STAMP, valid_stamps
 
@@ -63,8 +63,8 @@ class TemperatureReader:
         self.ignored_joints: set[str] = set()  # names met that are none of the source's joints
         self.missing_readings = 0  # values that were not numbers, in messages that were accepted
         self._joint_names = tuple(joint_names)
-        self._offset = ZERO_DEGC if source.unit == "kelvin" else 0.0
-        self._codes_degc = np.array(FAULT_CODES) - self._offset
+        self._factor, self._offset = TO_DEGC[source.unit]
+        self._codes_degc = np.array(FAULT_CODES) * self._factor - self._offset
         self._newest: Int = np.full(len(self._joint_names), -1, dtype=np.int64)
         self._true_degc: Float = np.full(len(self._joint_names), np.nan)  # last that is not a code
         self._odd: dict[int, float] = {}  # last value by column, where it is not used [degC]
@@ -101,7 +101,7 @@ class TemperatureReader:
             )
         said: list[str] = []
         for column, degc in sorted(self._odd.items()):
-            value = degc + self._offset
+            value = (degc + self._offset) / self._factor
             said.append(f"{value / scale:g} for {self._joint_names[column]}")
             advice = "" if degc in self._codes_degc else _advice(value, self.source)
             if advice:
@@ -212,7 +212,7 @@ class TemperatureReader:
             self.missing_readings += int(np.isnan(taken).sum())
         values = np.full((len(run.rows), len(self._joint_names)), np.nan)
         with np.errstate(over="ignore"):  # what is beyond all numbers is refused as implausible
-            taken = taken * self.source.scale - self._offset
+            taken = taken * (self.source.scale * self._factor) - self._offset
         values[:, [column for _, column in places]] = taken
         return TemperatureBlock(
             stamp_ns(run) if self._dated else batch.log_time_ns[run.rows], values
@@ -250,7 +250,7 @@ class TemperatureReader:
 def _advice(value: float, source: TemperatureSource) -> str:
     """What to set if a value that is not used is a temperature in another unit; else empty."""
     low, high = PLAUSIBLE_DEGC
-    if source.unit == "kelvin":
+    if source.unit != "degc":
         return "set unit: degc" if low <= value <= high else ""
     tenths = f"scale: {source.scale / 10:g} if these are tenths of a degree"
     if MOTOR_KELVIN[0] <= value <= MOTOR_KELVIN[1]:

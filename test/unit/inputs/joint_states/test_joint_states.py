@@ -337,6 +337,41 @@ def test_stamps_that_are_too_coarse_or_stand_still_are_named():
         assert finding.severe
 
 
+@pytest.mark.parametrize("cut", [1, 7, 1000])
+def test_stamps_rounded_near_the_period_are_no_second_publisher(cut):
+    """125 Hz rounded to 10 ms: after a state that is left out the next step looks too fast."""
+    at = np.arange(1000) / 125
+    q, stamp = 1.5 * np.sin(2.6 * at), 1 + np.round(at, 2)
+    sent = [message(t, NAMES, (p, 0.3 * p), ()) for t, p in zip(stamp, q, strict=True)]
+    ingest = JointStateIngest(NAMES, limits=limits())
+    for row in range(0, len(sent), cut):
+        take(ingest, sent[row : row + cut], flush=False)
+    ingest.flush()
+    assert ingest.conflicting_joints == {"a"}
+    (finding,) = ingest.findings()
+    assert finding.sentence.startswith("stamps are coarser than the states, multiples of 10 ms: ")
+    assert "publishers" not in finding.sentence
+    assert finding.setting == "joint_states: {stamp_source: receive}"
+
+
+@pytest.mark.parametrize(
+    ("late", "words"),
+    [(0.0, "let the driver send a stamp for each state"), (0.006, "stamps are rounded or late")],
+)
+def test_times_of_receipt_are_not_advised_where_they_are_in_use(late, words):
+    """125 Hz received in steps of 10 ms, or every second state late."""
+    at = np.arange(1000) / 125
+    q = 0.9 * np.sin(4.3 * at)
+    received = 1 + (at + late * (np.arange(1000) % 2) if late else np.round(at, 2))
+    sent = [message(t, NAMES, (p, 0.3 * p), ()) for t, p in zip(at, q, strict=True)]
+    source = JointStateSource(stamp_source="receive")
+    ingest = JointStateIngest(NAMES, limits=limits(), source=source)
+    ingest.step(batch(sent, received=np.rint(received * SECOND).astype(np.int64)))
+    (finding,) = ingest.findings()
+    assert words in finding.sentence
+    assert finding.setting == ""
+
+
 def test_all_exactly_zero_for_seconds_is_flagged_and_still_used():
     ingest = JointStateIngest(NAMES, limits=limits())
     block = take(ingest, moving(np.zeros(1000)))

@@ -51,6 +51,7 @@ def test_a_pose_next_to_the_driver_is_refused_until_it_has_ended(offset, rate, r
     assert ingest.rejections.rejected["conflicting_publisher"] > 100
     if reason:
         assert ingest.rejections.rejected[reason] > 40
+        assert "two publishers" in ingest.findings()[-1].sentence
     else:
         assert ingest.conflicting_joints == {"a", "b"}
         (finding,) = ingest.findings()

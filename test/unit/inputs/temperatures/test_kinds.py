@@ -47,6 +47,12 @@ def same(values, expected):
     np.testing.assert_array_equal(values, expected)
 
 
+def test_fahrenheit_is_converted_where_it_is_said():
+    block, ingest = read([says.motor_temperatures(S, [77.0, 140.0], ("a", "b"))], unit="fahrenheit")
+    np.testing.assert_allclose(block.motor_temperature_degc, [[25.0, 60.0]])
+    assert ingest.doubts == []
+
+
 def test_kelvin_is_taken_off_where_it_is_said():
     block, ingest = read([says.motor_temperatures(S, [300.0, 318.15], ("a", "b"))], unit="kelvin")
     np.testing.assert_allclose(block.motor_temperature_degc, [[26.85, 45.0]])
@@ -76,14 +82,13 @@ def test_a_value_of_another_unit_is_named_and_never_converted(unit, value, sente
     assert block.motor_temperature_degc[0, 1] == (value if unit == "degc" else value - 273.15)
 
 
-@pytest.mark.parametrize("unit", ["degc", "kelvin"])
+@pytest.mark.parametrize(("unit", "good"), [("degc", 20.0), ("kelvin", 293.15), ("fahrenheit", 68)])
 @pytest.mark.parametrize("code", [0.0, -1.0, -40.0, 127.0, 255.0])
-def test_a_fault_code_is_not_used_and_its_joints_are_named(code, unit):
-    good = 20.0 if unit == "degc" else 293.15
+def test_a_fault_code_is_not_used_and_its_joints_are_named(code, unit, good):
     rows = [[code, good], [code, code]]
     messages = [says.motor_temperatures(S * n, row, ("a", "b")) for n, row in enumerate(rows, 1)]
     block, ingest = read(messages, unit=unit)
-    same(block.motor_temperature_degc, [[NAN, 20.0]])
+    np.testing.assert_allclose(block.motor_temperature_degc, [[NAN, 20.0]])
     assert ingest.doubts == [f"/t reads {code:g} for a, {code:g} for b, {FAULT}"]
     assert ingest.rejections.rejected == {"not_finite": 1}
 
@@ -228,7 +233,10 @@ def test_keys_stay_from_step_to_step():
         ("", "degc", None),
         ("nan", "degc", None),
         ("45,2", "degc", None),
-        ("113 F", "degc", None),
+        ("113.36 °F", "degc", 45.2),
+        ("113.36 F", "kelvin", 45.2),
+        ("45.2 C", "fahrenheit", 45.2),
+        ("113 R", "degc", None),
         ("0x2d", "degc", None),
     ],
 )
