@@ -39,7 +39,8 @@ class FrictionFound(Described):
         HoldFit | None, "What motors hold at rest; None where too few rests show it."
     ] = None
     apart: Annotated[
-        tuple[str, ...], "Recordings whose friction is not that of the others, one sentence each."
+        tuple[str, ...],
+        "Recordings whose friction is not that of the others: one sentence, or none.",
     ] = ()
 
     def write(self, model: RobotModel, source: str) -> RobotModel:

@@ -80,7 +80,7 @@ class FrictionReport(Result, name="friction"):
         HoldFit | None, "What motors hold at rest; None where too few rests show it."
     ] = None
     apart: Annotated[
-        Texts, "Recordings whose friction is not that of the others, one sentence each."
+        Texts, "Recordings whose friction is not that of the others: one sentence, or none."
     ] = ()
 
     @property
