@@ -107,7 +107,15 @@ def test_a_recording_with_the_friction_of_another_temperature_is_named(bags, tmp
 
     assert apart(*bags[:3]) == ()
     said = apart(*bags[:2], off)
-    assert any(one.startswith("off: friction power of joint_a1 -") for one in said)
+    (one,) = said
+    assert "off (joint_a1 -" in one
+    assert "leave out one that is wrong" in one
+
+
+def test_two_recordings_do_not_show_which_of_them_is_wrong(bags):
+    (said,) = identify_friction(bags[:2], MODEL, "motor_torque").found.apart
+    assert "record temperatures in between" in said
+    assert "leave out" not in said
 
 
 def test_axes_without_a_thermometer_are_named_where_their_friction_changes(bags, tmp_path):
@@ -120,5 +128,6 @@ def test_axes_without_a_thermometer_are_named_where_their_friction_changes(bags,
         rewrite(bag, tmp_path / bag.name, None, others={kind: first_alone}) for bag in bags[:3]
     ]
     said = identify_friction(paths, MODEL, "motor_torque").found.apart
-    assert any("joint_a3" in one for one in said)
-    assert not any("joint_a1" in one for one in said)
+    (one,) = said
+    assert "joint_a3" in one
+    assert "joint_a1" not in one

@@ -179,3 +179,6 @@ def test_a_model_that_misses_the_energy_of_its_own_recordings_says_so(outcome, t
     model = outcome / "two_link.yaml"
     found = identify_all([*bags[:2], off], model, "motor_torque", held_out=False).found
     assert [one for one in found.notes if own in one]
+    skip = ("cabinet", "drives", "capacitor")
+    found = identify_all([*bags[:2], off], model, "motor_torque", held_out=False, skip=skip).found
+    assert not [one for one in found.notes if own in one]

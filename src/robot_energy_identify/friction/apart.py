@@ -14,6 +14,7 @@ from robot_energy_identify.friction.samples import FrictionData, moving_rows
 
 APART = 0.1  # of the friction power of an axis: sound recordings of one plant are off by 0.05
 MIN_AXES = 2  # that are so far off: one alone may be of another form than its law
+MIN_RECORDINGS = 3  # before one may be left out: two sound ones are both off, by up to 0.4
 
 
 def recordings_apart(
@@ -22,9 +23,10 @@ def recordings_apart(
     fits: Sequence[FrictionFit],
     model: RobotModel,
 ) -> tuple[str, ...]:
-    """Return the recordings whose friction power is far from the laws, one sentence each.
+    """Return the recordings whose friction power is far from the laws, all in one sentence.
 
-    One law for all takes up what differs in one of them, and then fits none.
+    One law for all takes up what differs in one of them, and then fits none: which is wrong does
+    not show.
 
     Args:
         names: Of the recordings.
@@ -53,16 +55,25 @@ def recordings_apart(
             )
             shares[number, joint] = drawn / said - 1.0 if said > 0.0 else 0.0
     off = (np.abs(shares) > APART) & (len(names) > 1)
-    return tuple(
-        f"{name}: friction power of "
+    found = [
+        f"{name} ("
         + ", ".join(
             f"{axes[k].name} {100.0 * share[k]:+.0f} %" for k in np.flatnonzero(far).tolist()
         )
-        + " off the laws of all recordings: too few temperatures for a law, or none, motor "
-        "temperatures that are wrong, gears that are not as warm as motors, or another robot; "
-        "record temperatures in between, or leave out the recording that is wrong"
+        + ")"
         for name, share, far in zip(names, shares, off, strict=True)
         if far.sum() >= MIN_AXES
+    ]
+    if not found:
+        return ()
+    remedy = "record temperatures in between"
+    if len(names) >= MIN_RECORDINGS:
+        remedy += ", or leave out one that is wrong: it puts sound ones off as well"
+    return (
+        f"friction power is off the laws of all recordings in {', '.join(found)}: too few "
+        "temperatures for a law, or none, motor temperatures that are wrong in one of them, gears "
+        "that are not as warm as motors, a payload that the model does not have, or another robot; "
+        f"{remedy}",
     )
 
 

@@ -424,8 +424,8 @@ def fit_gears(
     for place, axis in enumerate(axes):
         if not warm[place]:
             continue
-        used[place] = axis = replace(axis, follows_temperature=follows_temperature(axis))
         try:
+            used[place] = axis = replace(axis, follows_temperature=follows_temperature(axis))
             fit, used[place] = fit_gear(axis, ambient, source)
             fits.append(fit)
         except NotIdentifiableError as error:

@@ -175,6 +175,14 @@ def test_axes_without_temperatures_are_left_alone(recorded):
     assert axes[0] is unknown
 
 
+def test_an_axis_whose_torque_and_speed_are_never_known_together_is_refused_alone(recorded):
+    data = together([recorded[1][0]])
+    apart = replace(data, motor_velocity=np.full(len(data), np.nan))
+    found, axes = fit_gears([apart])
+    assert "has no measured torque" in found.refused[0]
+    assert axes[0] is apart
+
+
 def with_gear(model, time, rise, power):
     data = model.model_dump(exclude_none=True, mode="json")
     data["urdf"] = {"xml": model.urdf_xml}
