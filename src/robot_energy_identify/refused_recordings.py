@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,7 @@ METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
 UNLIKE = 0.1  # of the size of torque: sound recordings of one robot differ by 0.02
 MAX_LATE = 0.6  # s: delay and low pass that are found together make a meter less late
 SAME_CLOCK = 0.1  # s by which lags of one meter differ: what a model leaves out makes 0.02
+LAG_SCATTER = 2.0  # s over the root of the readings: with 40, sound lags differ by up to 0.26 s
 MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
 
 
@@ -101,6 +103,7 @@ def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
     that of the others is looked at by itself.
     """
     found = _causes(joined([part.thinned() for part in parts]), parts)
+    common = [one.cause for one in found]
     for part in _unlike(parts):
         if not part.motor_torque[np.isfinite(part.motor_torque)].any():
             found.append(
@@ -113,7 +116,7 @@ def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
         found += [
             replace(one, sentence=f"{part.name}: {one.sentence}")
             for one in _causes(part)
-            if one.cause not in [known.cause for known in found]
+            if one.cause not in common
         ]
     return tuple(found)
 
@@ -195,10 +198,10 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
     """Return recordings whose meters are equally late, and what was moved, one sentence each.
 
     One delay is identified for all recordings, so clocks that differ would count as a low pass. The
-    lag that most recordings have stays: it is the meter's. A counter is compared with counters, as
-    it has no low pass.
+    lag that most recordings have stays: it is the meter's. Few readings do not show a lag well. A
+    counter is compared with counters, as it has no low pass.
     """
-    lags: dict[int, float] = {}
+    lags: dict[int, _Clock] = {}
     counts = [
         part.meter is not None and part.meter.meaning is MeterMeaning.CUMULATIVE
         for part in recordings
@@ -207,14 +210,16 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
         known = part.meter is not None and part.in_order
         found = lag_of(_evidence_of(part, EffortMeaning.NONE)) if known else ""
         if not isinstance(found, str):
-            lags[number] = found.lag
+            assert part.meter is not None
+            within = max(SAME_CLOCK, LAG_SCATTER / len(part.meter) ** 0.5)
+            lags[number] = _Clock(found.lag, within)
     moved, notes = list(recordings), list[str]()
     for number, lag in lags.items():
         same = [other for place, other in lags.items() if counts[place] == counts[number]]
-        usual = max(same, key=lambda one: (_alike(one, same), -abs(one)))
+        usual = max(same, key=lambda one: (_alike(one, same), -abs(one.lag)))
         if _alike(lag, (usual,)):
             continue
-        late, part = lag - usual, recordings[number]
+        late, part = lag.lag - usual.lag, recordings[number]
         assert part.meter is not None
         moved[number] = replace(part, meter=undone(part.meter, late), known=None)
         where = "behind" if late > 0 else "ahead of"
@@ -225,8 +230,15 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
     return moved, tuple(notes)
 
 
-def _alike(lag: float, others: Iterable[float]) -> int:
-    return sum(abs(lag - other) <= SAME_CLOCK for other in others)
+class _Clock(NamedTuple):
+    """How far a meter is behind the joint states, and within what its readings show it. [s]"""
+
+    lag: float
+    within: float
+
+
+def _alike(one: _Clock, others: Iterable[_Clock]) -> int:
+    return sum(abs(one.lag - other.lag) <= max(one.within, other.within) for other in others)
 
 
 @contextmanager

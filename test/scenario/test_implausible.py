@@ -189,6 +189,9 @@ def test_one_recording_with_another_torque_is_refused_by_name(
     off = rewrite(ROOT / "bags/drawn_train_warm", tmp_path / "off", scaled(("effort",), factor))
     with pytest.raises(ImplausibleIdentificationError, match=f"off: {said}"):
         refuse_torque([*sound[:2], evidence(off)])
+    too = rewrite(ROOT / "bags/drawn_train_cold", tmp_path / "too", scaled(("effort",), factor))
+    with pytest.raises(ImplausibleIdentificationError, match=f"off: {said}.*too: {said}"):
+        refuse_torque([*sound, *sound, evidence(off), evidence(too)])
 
 
 def test_a_refusal_behind_a_fit_names_the_cause(

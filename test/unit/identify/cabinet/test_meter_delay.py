@@ -28,7 +28,7 @@ from robot_energy_identify.drives.total_power import fit_total
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.refused_recordings import on_one_clock, refuse_meter
 from robot_energy_plan.motion import random_program
-from robot_energy_rig import RigConfig, Sensors, VirtualRig
+from robot_energy_rig import RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy_rig.record import record
 
 
@@ -206,6 +206,24 @@ def test_recordings_with_one_clock_are_left_as_they_are(varied):
     kept, notes = on_one_clock([varied, late, varied])
     assert [part.meter for part in kept] == [part.meter for part in (varied, late, varied)]
     assert not notes
+
+
+def test_forty_readings_do_not_show_that_a_clock_differs_a_little(tmp_path):
+    """A drawn plant at 1 Hz: sound clocks look 0.26 s apart, and one of 1 s is found."""
+    profile, model = random_profile("ur10e", 1), load("ur10e")
+    limits = profile.motion_limits(profile.mechanics()[0])
+    meter = Sensors(meter_rate=1.0, meter_meaning=MeterMeaning.INSTANTANEOUS, meter_filter=0.3)
+    config = RigConfig(sensors=meter).having("meter_filter", "fan")
+    parts = []
+    for seed, degc, dwell in ((10, 20.0, 0.1), (11, 40.0, 0.8), (12, 60.0, 2.0)):
+        program, bag = random_program(limits, seed, dwell=dwell), tmp_path / f"{seed}"
+        record(VirtualRig(profile, program, config, seed, degc, rate_hz=100.0), 40.0, bag)
+        parts.append(read_recording(bag, model, EffortMeaning.NONE))
+    kept, notes = on_one_clock(parts)
+    assert not notes
+    assert [part.meter for part in kept] == [part.meter for part in parts]
+    _, (note,) = on_one_clock([*parts[:2], parts[2].with_meter_earlier(-1.0)])
+    assert note.startswith("12: its meter is 1.")
 
 
 def counted(part):
