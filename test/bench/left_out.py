@@ -119,16 +119,16 @@ def yu_cobot(file: Path) -> Iterator[LeftOut]:
         yield LeftOut("Yu-Cobot", str(number + 1), error, Z90 * variance**0.5 / predicted)
 
 
-def xarm_friction(file: Path, every: int = 1) -> Iterator[LeftOut]:
+def xarm_friction(file: Path) -> Iterator[LeftOut]:
     """Yield the friction power of joint 3 of an xArm 6 at each temperature, fitted to the others.
 
-    Motor current stands for torque. Of the temperatures, whole degC, every first, second, ...
+    Motor current stands for torque.
     """
     mapping = load_mapping(EXAMPLES / "mappings" / "xarm6_joint3.yaml")
     rows = [log.whole() for log in open_logs([str(file)], mapping)]
     axis = moving_samples(friction_data_of_log(rows, mapping.joints.names, 0))
     degc = np.rint(axis.motor_temperature_degc)
-    for at in np.unique(degc)[::every].tolist():
+    for at in np.unique(degc).tolist():
         out = degc == at
         if out.sum() < MIN_SAMPLES:
             continue
