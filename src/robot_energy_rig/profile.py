@@ -182,8 +182,8 @@ class PlantProfile(Described):
 
     body: Annotated[
         str,
-        "Name of the shipped model, or path of a model file, whose URDF, payload, gear ratios and "
-        "rotor inertias are used, and nothing else of it.",
+        "Name of the shipped model, or path of a model file, of which only URDF, payload, gear "
+        "ratios and rotor inertias are used.",
     ]
     lubricant: Annotated[tuple[Lubricant, ...], "One oil per axis."]
     coulomb: Annotated[Float, "At no load. [N m]"]

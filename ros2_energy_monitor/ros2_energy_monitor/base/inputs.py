@@ -40,8 +40,8 @@ KEYS_DEPTH = 10  # messages with names of values, of which the last one counts
 def wanted_class(node: Node, msgtype: str, use: str) -> type[Any] | None:
     """Return the class of a message type, or None after an error in the log.
 
-    Packages of messages are optional: one that is not installed costs the inputs that need
-    it, and nothing else.
+    Packages of messages are optional: one that is not installed costs only the inputs
+    that need it.
 
     Args:
         msgtype: Type of a message, such as ``control_msgs/msg/DynamicJointState``.

@@ -103,7 +103,7 @@ def _value(found: Any, whose: str, where: str) -> float:
     if isinstance(found, str):
         raise MeterAnswerError(
             f"{whose} sends the text '{found[:40]}' at {where}",
-            "a number, with a decimal point and nothing else",
+            "a number, with a decimal point and without a unit",
         )
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise MeterAnswerError(

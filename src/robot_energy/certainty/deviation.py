@@ -261,7 +261,7 @@ class BandKind(IntEnum):
     """What a 90 % band rests on."""
 
     NONE = 0
-    """There is no band."""
+    """Without a band."""
     PARAMETRIC = 1
     """The standard deviations and priors of the model's figures."""
     CALIBRATED = 2
