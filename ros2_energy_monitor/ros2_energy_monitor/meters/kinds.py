@@ -125,7 +125,7 @@ def load_profile(name: str) -> tuple[MeterLinkKind, MeterProfile[Any]]:
     path = shipped.get(name) or Path(name)
     if name not in shipped and path.suffix not in (".yaml", ".yml"):
         raise MeterProfileError(
-            f"the meter profile '{name}' does not exist",
+            f"there is no meter profile '{name}'",
             f"one of {', '.join(shipped)}, or the path of a YAML file",
         )
     source = str(path)
