@@ -67,7 +67,7 @@ MODULES = {
     "robot_energy.physics": """
         cabinet counterbalance derivative drive drivetrain effort electrical_power
         equations friction hold_torque motor_heat pinocchio_model rigid_body
-        torque_limits
+        torque_constant torque_limits
     """,
     "robot_energy.physics.urdf": """
         checks moving_joints parse
@@ -146,6 +146,7 @@ MODULES = {
     """,
     "robot_energy_identify.friction": """
         apart friction further_terms held_out hold laws samples shared_shape temperature_study
+        torque_constants
     """,
     "robot_energy_identify.results": """
         check drives dynamics evaluation identification

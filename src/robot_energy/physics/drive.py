@@ -14,10 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import KindError, ModelFileError
-from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
+from robot_energy.model.drive_models import (
+    DRIVE_MODELS,
+    DriveModel,
+    EfficiencyMap,
+    LossDrive,
+    LossMap,
+)
 from robot_energy.model.schema import RobotModel
 from robot_energy.physics.equations import REFERENCE_DEGC, loss_model_power
+from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.timeline.blocks import Float, Int
+
+COPPER_KEY = "copper_temperature_coefficient"  # of entries whose losses follow the windings
 
 
 class Drive(Protocol):
@@ -184,6 +193,31 @@ class LossMaps:
         return power, extrapolated
 
 
+class WarmMagnets:
+    """Drives whose windings take more current where warm magnets are weaker.
+
+    Args:
+        drive: Whose losses follow the torque.
+    """
+
+    def __init__(self, drive: Drive, constants: TorqueConstants) -> None:
+        self._drive, self._constants = drive, constants
+
+    def input_power(
+        self,
+        shaft_power: Float,
+        motor_velocity: Float,
+        motor_torque: Float,
+        motor_temperature_degc: Float,
+    ) -> tuple[Float, NDArray[np.bool_] | None]:
+        """Return shaft power plus losses at the current that the torque takes.
+
+        Arguments and result as in `Drive.input_power`.
+        """
+        torque = motor_torque / self._constants.left(motor_temperature_degc)
+        return self._drive.input_power(shaft_power, motor_velocity, torque, motor_temperature_degc)
+
+
 def equal_heat_torque(torque: Float, degc: Float, alpha: float) -> Float:
     """Return the torque that heats windings at 20 degC as a torque at T does, >= 0. [N m]
 
@@ -229,4 +263,14 @@ def drive_from_model(model: RobotModel) -> Drive:
         )
     if kind.physics is None:
         raise KindError(f"the drive model '{kind.name}' has no physics", "a `Drive`")
-    return kind.physics(entries)
+    return with_warm_magnets(kind, kind.physics(entries), TorqueConstants.of(model.joints))
+
+
+def with_warm_magnets(kind: DriveModel, drive: Drive, constants: TorqueConstants | None) -> Drive:
+    """Return drives whose losses follow warm magnets where they follow the temperature at all.
+
+    Args:
+        constants: Of their motors; None where no torque constant falls.
+    """
+    warms = kind.entry is not None and COPPER_KEY in kind.entry.model_fields
+    return drive if constants is None or not warms else WarmMagnets(drive, constants)

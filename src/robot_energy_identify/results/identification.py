@@ -18,6 +18,7 @@ from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.temperature_study import Study
+from robot_energy_identify.friction.torque_constants import FallingConstant
 from robot_energy_identify.friction_and_thermal import FrictionFound, ThermalFound
 from robot_energy_identify.results.drives import (
     DrivesReport,
@@ -84,6 +85,9 @@ class FrictionReport(Result, name="friction"):
         "Recordings whose friction is not that of the others, or that lack temperatures others "
         "have, one sentence each.",
     ] = ()
+    falls: Annotated[
+        tuple[FallingConstant, ...], "Torque constants that fall with the motor temperature."
+    ] = ()
 
     @property
     def torque_unit(self) -> str:
@@ -93,7 +97,9 @@ class FrictionReport(Result, name="friction"):
 
 def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
     """Return the friction of every axis."""
-    return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold, found.apart)
+    return FrictionReport(
+        effort, found.fits, found.refused, found.gears, found.hold, found.apart, found.falls
+    )
 
 
 class AxisStudy(Result):
