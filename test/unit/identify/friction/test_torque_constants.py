@@ -1,13 +1,32 @@
 """Torque constants that fall, recovered from torque in a warm-up, and refused without one."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.physics.torque_constant import TorqueConstants
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.drive_data import DriveData
+from robot_energy_identify.drives.drives import AxisSamples
+from robot_energy_identify.drives.loss_map import fit_loss_map
+from robot_energy_identify.drives.losses import TERMS
 from robot_energy_identify.friction.samples import FrictionData
-from robot_energy_identify.friction.torque_constants import fit_fall
+from robot_energy_identify.friction.torque_constants import (
+    FallingConstant,
+    at_shaft,
+    find_falls,
+    fit_fall,
+    with_falls,
+)
+from warm_wheel import readings, turning, wheel
 
 FALL = 0.001  # 1/K
 PERIOD = 0.04  # s
@@ -63,7 +82,7 @@ def test_bodies_of_another_mass_do_not_look_like_magnets():
 def test_a_payload_of_the_warm_recording_does_not_look_like_magnets():
     parts = [
         recorded(600.0, (20.0, 32.0), 3, fall=0.0),
-        recorded(600.0, (50.0, 62.0), 4, fall=0.0, load=2.4, given=2.0, run=1),
+        recorded(600.0, (50.0, 62.0), 4, fall=0.0, load=2.1, given=2.0, run=1),
     ]
     with pytest.raises(NotIdentifiableError, match="grows by"):
         fit_fall(together(parts))
@@ -81,3 +100,61 @@ def test_soaked_recordings_do_not_show_it():
 def test_a_fall_that_no_magnet_has_is_refused():
     with pytest.raises(NotIdentifiableError, match="grows by"):
         fit_fall(recorded(1200.0, (20.0, 70.0), 5, fall=0.008))
+
+
+def effort(meaning):
+    return SimpleNamespace(replay=SimpleNamespace(effort=meaning))
+
+
+def test_a_torque_sensor_shows_no_magnets():
+    axes = [recorded(1200.0, (20.0, 70.0), 1)]
+    assert not find_falls([effort(EffortMeaning.JOINT_TORQUE)], axes, "")
+    (found,) = find_falls([effort(EffortMeaning.MOTOR_CURRENT)], axes, "")
+    assert found.name == "axle"
+    (joint,) = with_falls(wheel(), [found]).joints
+    assert joint.torque_constant_fall == found.fall
+    assert with_falls(wheel(), []).joints[0].torque_constant_fall is None
+
+
+def test_recordings_at_the_shaft():
+    model = wheel()
+    pipeline = EnergyPipeline(model, Settings(effort=EffortMeaning.MOTOR_TORQUE))
+    outputs = (
+        pipeline.step(turning(3.0, effort=np.full(6, 7.0)), readings(3, 70.0)),
+        pipeline.flush(),
+    )
+    torque, power = (
+        kind.concatenate([part for one in outputs if (part := getattr(one, name)) is not None])
+        for kind, name in ((TorqueBlock, "torque"), (PowerBlock, "power"))
+    )
+    recording = Recording(Path(), model, torque, power, None, "", ())
+    falling = with_falls(model, [FallingConstant("axle", identified(0.002, None, ""))])
+    (found,) = at_shaft([recording], falling)
+    np.testing.assert_allclose(found.torque.motor_torque_measured, 0.9 * 7.0, rtol=1e-15)
+    assert at_shaft([recording], model) == [recording]
+
+
+def test_drives_are_identified_with_the_current_of_warm_motors():
+    hot, none = np.full((4, 1), 120.0), np.zeros((4, 1))
+    constants = TorqueConstants(np.array([0.005]))  # half is left
+    torque = np.array([[1.0], [2.0], [-1.0], [0.0]])
+    data = DriveData(
+        ("axle",), np.arange(4), np.zeros(4, int), np.zeros(4, int), none, torque, hot, none,
+        (None,), (MeterLimits(),), np.zeros(4, bool), none, constants=constants,
+    )  # fmt: skip
+    heat = data.loss_columns()[:, 0, TERMS.index("copper")]
+    np.testing.assert_allclose(heat, 1.39 * 4.0 * torque[:, 0] ** 2, rtol=1e-14)
+    np.testing.assert_array_equal(data.shaft_power, none)
+
+
+def test_a_loss_map_has_knots_of_that_current():
+    rng = np.random.default_rng(1)
+    speed, torque = rng.uniform(-100.0, 100.0, 2000), rng.uniform(-3.0, 3.0, 2000)
+    power = torque * speed + 5.0 * np.abs(2.0 * torque)
+    given = speed, torque, np.full(2000, 120.0), power, np.arange(2000) // 5
+    cold, warm = (
+        fit_loss_map(AxisSamples(*given, constants=one))
+        for one in (None, TorqueConstants(np.array([0.005])))
+    )
+    np.testing.assert_allclose(warm.motor_torque, 2.0 * np.array(cold.motor_torque), rtol=1e-4)
+    np.testing.assert_allclose(warm.loss, cold.loss, atol=1e-3)
