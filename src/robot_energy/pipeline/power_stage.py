@@ -220,7 +220,8 @@ class PowerStage:
         self._friction = FrictionModel.from_model(model)
         self._supply = SupplyStage(model, settings)
         self._hold = self._supply.hold
-        by_current = settings.effort in (EffortMeaning.MOTOR_TORQUE, EffortMeaning.MOTOR_CURRENT)
+        # The power node does not know the meaning of an effort: then it is that of a motor.
+        by_current = settings.effort is not EffortMeaning.JOINT_TORQUE
         self._constants = TorqueConstants.of(model.joints) if by_current else None
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
