@@ -18,8 +18,7 @@ from robot_energy.certainty.deviation import (
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage, FanStage
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage, drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
