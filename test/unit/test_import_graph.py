@@ -28,7 +28,7 @@ MODULES = {
         writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store schema types walk
+        decode encode lazy_store schema types walk
     """,
     "robot_energy.certainty": """
         band_calibration deviation energy_calibration figure_deviations

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import (
     ParameterError,
     RobotDescriptionError,

@@ -21,7 +21,7 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.friction import FrictionReader
 from robot_energy.messages.torque import TorqueReader

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.units import NANOJOULE_PER_JOULE
+from robot_energy.foundation.units import NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.model import RobotModel
-from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
-from robot_energy.timeline.pieces import Compared, closed_sums
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, differences
+from robot_energy.timeline.pieces import Compared
 
 STRETCH_NS = 5_000_000_000  # whose energies show the lag: about a motion
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
@@ -269,3 +269,30 @@ class LagEstimate:
         left = error - lag * step
         std = math.sqrt(float(left @ left) / (len(left) - 2) / squares)
         return min(lag, MAX_LAG) if lag > SIGNIFICANT * std else 0.0
+
+
+def starts_of(number: Int) -> Int:
+    """Return where runs of equal numbers begin, shape (runs,).
+
+    Args:
+        number: Shape (N,), N > 0.
+    """
+    return np.flatnonzero(differences(number, int(number[0]) - 1))
+
+
+def closed_sums(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
+    """Sum rows by the time of their first column.
+
+    Args:
+        begun: The sum that may go on, shape (0 or 1, columns).
+        table: New rows: time [ns], and what is summed; shape (N, columns), N > 0.
+
+    Returns:
+        The sums; the whole second from which each counts, as it is known to be complete when the
+        next one begins [ns]; and the sum that may go on.
+    """
+    rows = np.concatenate([begun[:, : table.shape[1]], table])
+    starts = starts_of(rows[:, 0] // length_ns)
+    sums = np.add.reduceat(rows, starts, axis=0)
+    sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
+    return sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS, sums[-1:]

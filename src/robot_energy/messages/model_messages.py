@@ -9,8 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.messages.fields import FRAME, RECORDING, STAMP
 from robot_energy.timeline.blocks import Block

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, Run, stamp_columns, stamp_ns
 from robot_energy.messages.fields import FRAME, RECORDING
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.decode import (
     JOINT_STATE,

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.bag.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
 from robot_energy.bag.cdr.types import typestore as default_typestore
 from robot_energy.foundation.errors import ParameterError

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
