@@ -124,7 +124,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
 
         Torque comes first, though it is used last: what it belongs to is then not newer.
         """
-        if self._played.look() is Change.UNKNOWN:
+        met = [self.torques.met()]
+        if met != self._played.met and self._played.look(met) is Change.UNKNOWN:
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)

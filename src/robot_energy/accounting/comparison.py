@@ -386,9 +386,9 @@ class Comparison(ExactSum):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
                 epoch.predicted = predicted = _after(predicted, int(oldest) - 1)
-            epoch.shown.forget(int(predicted.stamp_ns[0]))
+            epoch.shown.needed_ns = int(predicted.stamp_ns[0])
         elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
-            epoch.shown.forget(self._last[0])
+            epoch.shown.needed_ns = self._last[0]
         return result
 
     def _integrate(

@@ -91,11 +91,13 @@ class ShownPower:
     Attributes:
         waiting: Samples for `follow`: stamps in the order of time [ns], powers [W], and where
             nothing is known between a sample and the one before; shape (N,) each.
+        needed_ns: No interval before it is asked for any more. [ns]
     """
 
     def __init__(self, delay: float = 0.0) -> None:
         self._delay_ns = round(delay / NANOSECOND)
         self.waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
+        self.needed_ns = 0
         self._rows: _Followed | None = None
 
     def follow(self, since_ns: list[int], constants: list[float]) -> None:
@@ -117,6 +119,8 @@ class ShownPower:
                 stamp[:1], power[:1], np.zeros(1), constant[:1], np.zeros(1), stamp[:1], power[:1]
             )
         else:
+            needed = np.searchsorted(before.stamp_ns, self.needed_ns - self._delay_ns, side="left")
+            before = before[slice(max(int(needed) - 1, 0), None)]
             last = before[slice(-1, None)]
         step_ns = np.diff(np.concatenate([last.stamp_ns, stamp]))
         low = np.concatenate([last.power, power[:-1]])
@@ -167,12 +171,6 @@ class ShownPower:
         shown = _energy_at(rows, high, "left") - _energy_at(rows, low, "right")
         shown = np.where(high > low, shown, 0.0)
         return np.asarray(shown + first_power * (before_ns * NANOSECOND))
-
-    def forget(self, before_ns: int) -> None:
-        """Drop samples that no interval from a stamp [ns] on asks for."""
-        if self._rows is not None:
-            place = np.searchsorted(self._rows.stamp_ns, before_ns - self._delay_ns, side="left")
-            self._rows = self._rows[slice(max(int(place) - 1, 0), None)]
 
 
 def _decay(seconds: Float, constant: Float) -> tuple[Float, Float]:
