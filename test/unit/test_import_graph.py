@@ -65,7 +65,7 @@ MODULES = {
         auxiliary drive_models figure friction_laws joint load payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort electrical_power
+        counterbalance derivative drives_and_cabinet drivetrain effort electrical_power
         equations friction hold_torque motor_heat pinocchio_model rigid_body
         torque_limits
     """,

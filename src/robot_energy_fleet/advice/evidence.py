@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_energy.foundation.described import documented
 from robot_energy.model import RobotModel
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock, TorqueBlock
