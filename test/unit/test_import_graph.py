@@ -199,7 +199,7 @@ MODULES = {
     """,
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics phase_totals recording robot_state saved_page
+        history_view hub json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """
