@@ -91,7 +91,7 @@ MODULES = {
     """,
     "robot_energy_cli": """
         advise check command commands export fleet_identify fleet_report fleet_run history
-        history_output identify_all identify_drives identify_dynamics identify_excitation
+        identify_all identify_drives identify_dynamics identify_excitation
         identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
         layouts listings main model_reference models monitoring optimize predict replay
         replay_arguments report result_schema shared_bus simulate stopping terminal test
@@ -191,7 +191,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month html identification identify_all jobs layout model notebook optimization
+        history_month history_tables html identification identify_all jobs layout model notebook optimization
         prediction printing recordings repeats replay replay_figures
     """,
     "robot_energy_report.layouts": """
