@@ -90,12 +90,10 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run history
-        history_output identify_all identify_drives identify_dynamics identify_excitation
-        identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
-        layouts listings main model_reference models monitoring optimize predict replay
-        replay_arguments report result_schema shared_bus simulate stopping terminal test
-        tool_options
+        check command commands export fleet history identify identify_drives
+        identify_dynamics identify_excitation identify_inputs import_logs info kinds layouts
+        listings main model_reference models monitoring motions replay replay_arguments
+        report result_schema simulate stopping terminal test
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -191,15 +189,15 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month html identification identify_all jobs layout model notebook optimization
-        prediction printing recordings repeats replay replay_figures
+        history_month history_tables html identification identify_all jobs layout model notebook
+        optimization prediction printing recordings repeats replay replay_figures
     """,
     "robot_energy_report.layouts": """
         plots viewers
     """,
     "robot_energy_report.page": """
         access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics phase_totals recording robot_state saved_page
+        history_view hub json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """
