@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from robot_energy.foundation.described import Described
@@ -35,29 +34,18 @@ class JudgedClaim:
         return abs(self.truth - self.claim) <= self.half
 
 
-@dataclass(frozen=True)
-class JudgedSaving(JudgedClaim):
-    """One change of one program at one temperature.
-
-    Attributes:
-        degc: Temperature of motors and gears. [degC]
-        base: Energy of a cycle on the rig as it was. [J]
-        claim: Saving that the model predicts. [J]
-        half: Half width of its 90 % band. [J]
-        truth: Saving on the rig. [J]
-        faster: Time that a cycle lasts less. [s]
-        standing: Share of losses at rest in the energy, by the model. [-]
-    """
+class JudgedSaving(Described, JudgedClaim):
+    """One change of one program at one temperature."""
 
     plant: int
-    degc: float
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
     measure: str
-    base: float
-    claim: float
-    half: float
-    truth: float
-    faster: float
-    standing: float
+    base: Annotated[float, "Energy of a cycle on the rig as it was. [J]"]
+    claim: Annotated[float, "Saving that the model predicts. [J]"]
+    half: Annotated[float, "Half width of its 90 % band. [J]"]
+    truth: Annotated[float, "Saving on the rig. [J]"]
+    faster: Annotated[float, "Time that a cycle lasts less. [s]"]
+    standing: Annotated[float, "Share of losses at rest in the energy, by the model. [-]"]
 
 
 class JudgedChoice(Described):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -36,33 +36,24 @@ ZERO: Any = (0.0, 0.0, 0.0)
 
 
 class PathPieces(NamedTuple):
-    """Pieces of a path in order, shape (K,) or (K, 3); while it is followed, one of them.
+    """Pieces of a path in order, shape (K,) or (K, 3); while it is followed, one of them."""
 
-    Attributes:
-        length: Length of each, 0 for a dwell. [m]
-        origin: c. [m]
-        radius: r. [m]
-        rate: k. [rad/m]
-        drift: d. [-]
-        commanded: Speed by command. [m/s]
-        speed: Greatest speed, by command and curvature. [m/s]
-        acceleration: Greatest acceleration along the path; 0 on rounded corners. [m/s^2]
-        entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
-        dwell: Rest, of dwells alone. [s]
-    """
-
-    length: Float = NOTHING
-    origin: Float = ZERO
-    radius: Float = NOTHING
-    rate: Float = NOTHING
+    length: Annotated[Float, "Length of each, 0 for a dwell. [m]"] = NOTHING
+    origin: Annotated[Float, "c. [m]"] = ZERO
+    radius: Annotated[Float, "r. [m]"] = NOTHING
+    rate: Annotated[Float, "k. [rad/m]"] = NOTHING
     first: Float = ZERO
     second: Float = ZERO
-    drift: Float = ZERO
-    commanded: Float = NOTHING
-    speed: Float = NOTHING
-    acceleration: Float = NOTHING
-    entry: Float = NOTHING
-    dwell: Float = NOTHING
+    drift: Annotated[Float, "d. [-]"] = ZERO
+    commanded: Annotated[Float, "Speed by command. [m/s]"] = NOTHING
+    speed: Annotated[Float, "Greatest speed, by command and curvature. [m/s]"] = NOTHING
+    acceleration: Annotated[
+        Float, "Greatest acceleration along the path; 0 on rounded corners. [m/s^2]"
+    ] = NOTHING
+    entry: Annotated[
+        Float, "Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]"
+    ] = NOTHING
+    dwell: Annotated[Float, "Rest, of dwells alone. [s]"] = NOTHING
     source_line: Int = NOTHING
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.foundation.errors import MotionError
 
@@ -21,21 +22,13 @@ CLOSED = 1e-9  # m: ends that are nearer than this are the same point
 
 @dataclass(frozen=True, slots=True)
 class LineSegment:
-    """A straight move.
+    """A straight move."""
 
-    Attributes:
-        start: Where it begins. [m]
-        end: Where it ends. [m]
-        speed: Commanded path speed, > 0. [m/s]
-        source_line: Line of the program, from 1; 0 where there is none.
-        rapid: Whether it was commanded as a positioning move (G0).
-    """
-
-    start: Point
-    end: Point
-    speed: float
-    source_line: int = 0
-    rapid: bool = False
+    start: Annotated[Point, "Where it begins. [m]"]
+    end: Annotated[Point, "Where it ends. [m]"]
+    speed: Annotated[float, "Commanded path speed, > 0. [m/s]"]
+    source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
+    rapid: Annotated[bool, "Whether it was commanded as a positioning move (G0)."] = False
     extruding: bool = False
 
     @property
@@ -46,27 +39,20 @@ class LineSegment:
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """A circular move about an axis of the frame; a helix where it also moves along it.
+    """A circular move about an axis of the frame; a helix where it also moves along it."""
 
-    Attributes:
-        start: Where it begins. [m]
-        end: Where it ends. [m]
-        centre: Coordinates of the axis, x and y where it is vertical. [m]
-        angle: Swept angle, positive from the first axis of the plane to the second: anticlockwise
-            seen from above where it is horizontal. [rad]
-        speed: Commanded path speed, > 0. [m/s]
-        source_line: Line of the program, from 1; 0 where there is none.
-        plane: Indices of the two axes of its plane and of the axis across.
-    """
-
-    start: Point
-    end: Point
-    centre: tuple[float, float]
-    angle: float
-    speed: float
-    source_line: int = 0
+    start: Annotated[Point, "Where it begins. [m]"]
+    end: Annotated[Point, "Where it ends. [m]"]
+    centre: Annotated[
+        tuple[float, float], "Coordinates of the axis, x and y where it is vertical. [m]"
+    ]
+    angle: Annotated[float, "Swept, positive from the first axis of the plane to the second. [rad]"]
+    speed: Annotated[float, "Commanded path speed, > 0. [m/s]"]
+    source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
     extruding: bool = False
-    plane: Plane = HORIZONTAL
+    plane: Annotated[Plane, "Indices of the two axes of its plane and of the axis across."] = (
+        HORIZONTAL
+    )
 
     def flat(self, point: Point) -> tuple[float, float]:
         """Return the coordinates of a point in the plane. [m]"""
@@ -90,15 +76,10 @@ class Arc:
 
 @dataclass(frozen=True, slots=True)
 class Dwell:
-    """A rest.
+    """A rest."""
 
-    Attributes:
-        time: How long, >= 0. [s]
-        source_line: Line of the program, from 1; 0 where there is none.
-    """
-
-    time: float
-    source_line: int = 0
+    time: Annotated[float, "How long, >= 0. [s]"]
+    source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
 
 
 Segment = LineSegment | Arc | Dwell

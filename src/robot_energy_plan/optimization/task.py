@@ -23,22 +23,18 @@ PERCENT = 100.0  # shares are whole per cent, as robot languages take them
 
 @dataclass(kw_only=True)
 class ProgramMoves:
-    """What a program does.
-
-    Attributes:
-        base: How the moves are made now, in their order.
-        needed: Rest before each move, shape (K,). [s]
-        joint_position: Where, shape (K, n). [rad] or [m]
-        speeds: Shares of speed that are tried, shape (S,). [-]
-        accelerations: Shares of acceleration that are tried, shape (A,). [-]
-    """
+    """What a program does."""
 
     moves: Moves
-    base: Candidates
-    needed: Float
-    joint_position: Float
-    speeds: Float = field(default_factory=SPEEDS.copy)
-    accelerations: Float = field(default_factory=ACCELERATIONS.copy)
+    base: Annotated[Candidates, "How the moves are made now, in their order."]
+    needed: Annotated[Float, "Rest before each move, shape (K,). [s]"]
+    joint_position: Annotated[Float, "Where, shape (K, n). [rad] or [m]"]
+    speeds: Annotated[Float, "Shares of speed that are tried, shape (S,). [-]"] = field(
+        default_factory=SPEEDS.copy
+    )
+    accelerations: Annotated[Float, "Shares of acceleration that are tried, shape (A,). [-]"] = (
+        field(default_factory=ACCELERATIONS.copy)
+    )
 
 
 class Task(Described):
