@@ -62,11 +62,7 @@ def _all(masks: Iterable[Mask]) -> Mask:
 
 
 class Clock:
-    """Gives the rows of the tables of one log their time, run after run.
-
-    Attributes:
-        notes: What was assumed of the times, one sentence each.
-    """
+    """Gives the rows of the tables of one log their time, run after run."""
 
     def __init__(self, time: Time) -> None:
         self._time = time
@@ -80,7 +76,7 @@ class Clock:
         self._rows = 0
         self._run = 0
         self._source = ""
-        self.notes = self._instants.notes
+        self.notes = self._instants.notes  # what was assumed of the times, one sentence each
 
     def begin_table(self, name: str = "") -> None:
         """Begin another table: where times begin at zero, it is a run of its own."""

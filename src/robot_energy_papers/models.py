@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.friction_laws import ConstantLaw
-from robot_energy.model.joint import JointFriction
+from robot_energy.model.figure import ModelEntry, PositiveFigure
+from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw
+from robot_energy.model.joint import Joint, JointFriction
 from robot_energy.model.schema import Capacitor
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import EffortMeaning, Float
@@ -35,6 +35,7 @@ TABLE = "table"  # the same with fv as a table of points, "saved directly"
 LOSSES = "losses"  # the proposed model and drive losses from the grid meter
 CAPACITOR = "capacitor"  # and the DC link's capacitor by its name plate
 FIXED_DEGC = (20.0, 60.0)  # the cold end of the paper's range, and the state of its fig. 4
+Entry = TypeVar("Entry", bound=ModelEntry)
 UNKNOWN = "unknown before identification"
 GUESS = 100.0  # W, constant losses before identification; from 0 no rest would be found
 
@@ -83,6 +84,29 @@ def fixed_name(degc: float) -> str:
         degc: Robot temperature. [degC]
     """
     return f"fixed_{degc:.0f}"
+
+
+def with_values(entry: Entry, **values: float) -> Entry:
+    """Return an entry of a model with other values of its figures, by their names."""
+    figures = {
+        name: getattr(entry, name).model_copy(update={"value": value})
+        for name, value in values.items()
+    }
+    return entry.model_copy(update=figures)
+
+
+def with_friction_times(joint: Joint, coulomb: float = 1.0, viscous: float = 1.0) -> JointFriction:
+    """Return the friction of a joint of a shipped model with factors on its figures.
+
+    Args:
+        coulomb: Factor on Coulomb friction. [-]
+        viscous: Factor on viscous friction at every temperature. [-]
+    """
+    friction, law = joint.friction, joint.friction.viscous
+    assert isinstance(law, ExponentialLaw)  # as all shipped models have
+    law = with_values(law, a=law.a.value * viscous, b=law.b.value * viscous)
+    friction = with_values(friction, coulomb=friction.coulomb.value * coulomb)
+    return friction.model_copy(update={"viscous": law})
 
 
 def without_knowledge(model: RobotModel) -> RobotModel:

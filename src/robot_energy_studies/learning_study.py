@@ -7,15 +7,14 @@ straight into the pipeline that a monitor runs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Any, cast
+from typing import Annotated
 
 from robot_energy.foundation.described import Described
 from robot_energy.inputs.joint_states import decode
 from robot_energy.model import RobotModel, load
-from robot_energy.model.joint import Joint
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, Learning
+from robot_energy_papers.models import with_friction_times, with_values
 from robot_energy_plan.motion import MotionLimits, Program, random_program
 from robot_energy_rig import PlantProfile, RigConfig, RigJoints, VirtualRig
 
@@ -40,39 +39,11 @@ def mistaken(model: RobotModel, friction: float, losses: float) -> RobotModel:
         friction: Factor on Coulomb and viscous friction of all joints. [-]
         losses: Factor on the constant losses of the cabinet. [-]
     """
-    kept = ("c", "velocity", "smooth_velocity", "load_coulomb", "motor_temperature_degc")
-
-    def scaled(entry: Any, factor: float) -> Any:
-        if isinstance(entry, dict):
-            entries = cast("dict[str, Any]", entry)
-            if "value" in entries:
-                return {**entries, "value": factor * entries["value"]}
-            return {
-                key: value if key in kept else scaled(value, factor)
-                for key, value in entries.items()
-            }
-        if isinstance(entry, list | tuple):
-            values = cast("Sequence[Any]", entry)
-            if all(isinstance(value, float) for value in values):
-                return [factor * value for value in values]
-        return cast("Any", entry)
-
-    joints: list[Joint] = []
-    for joint in model.joints:
-        plain = joint.friction.model_dump()
-        law = plain["viscous"]
-        edges = {key: law[key] for key in ("fitted_degc",) if key in law}
-        plain = scaled(plain, friction)
-        plain["viscous"] |= edges
-        joints.append(
-            joint.model_copy(update={"friction": type(joint.friction).model_validate(plain)})
-        )
+    laws = {joint.name: with_friction_times(joint, friction, friction) for joint in model.joints}
     cabinet = model.cabinet
-    off = {
-        name: figure.model_copy(update={"value": losses * figure.value})
-        for name, figure in (("loss_dc", cabinet.loss_dc), ("loss_grid", cabinet.loss_grid))
-    }
-    return model.changed(joints=joints, cabinet=cabinet.model_copy(update=off))
+    loss_dc, loss_grid = losses * cabinet.loss_dc.value, losses * cabinet.loss_grid.value
+    cabinet = with_values(cabinet, loss_dc=loss_dc, loss_grid=loss_grid)
+    return model.with_joints("friction", laws).changed(cabinet=cabinet)
 
 
 def joint_block(joints: RigJoints, with_torque: bool = True) -> JointBlock:

@@ -45,9 +45,6 @@ class InverseKinematics:
             paper B leaves out the print axis: heights are not looked at.
         orientation: Rotation of the tool in the base frame, for six or more joints; None: as
             at the start. Shape (3, 3). [-]
-
-    Attributes:
-        structure: ``gantry``, ``planar`` or ``spatial``.
     """
 
     def __init__(
@@ -83,7 +80,7 @@ class InverseKinematics:
             )
         self._free = [k for k, name in enumerate(robot.joint_names) if name not in set(held)]
         if self._planar is not None:
-            self.structure = "planar"
+            self.structure = "planar"  # ``gantry``, ``planar`` or ``spatial``
             if len(self._free) < 2:
                 raise MotionError(
                     f"{len(self._free)} joint of the planar arm is free", "at least two"

@@ -71,10 +71,6 @@ class JointTrajectory:
         joint_position: Positions of the points, shape (K, n). [rad] or [m]
         joint_velocity: Same shape, or None. [rad/s] or [m/s]
         joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
-
-    Attributes:
-        duration: Time from the first to the last point. [s]
-        instants: Times of the points since the first, shape (K,). [s]
     """
 
     def __init__(
@@ -128,8 +124,8 @@ class JointTrajectory:
                 f"{time[row + 1]:.9g} s, after one at {time[row]:.9g} s",
                 "times that rise from point to point",
             )
-        self.instants: Float = time - time[0]
-        self.duration = float(self.instants[-1])
+        self.instants: Float = time - time[0]  # times of the points since the first, shape (K,) [s]
+        self.duration = float(self.instants[-1])  # time from the first to the last point [s]
         if joint_velocity is None:
             self._motion = CubicSpline(self.instants, joint_position, bc_type="clamped")
             self.notes += (
