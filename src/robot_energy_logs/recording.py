@@ -29,8 +29,8 @@ from robot_energy.messages.fields import (
 from robot_energy.messages.payload import FIELDS, PAYLOAD
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.timeline.stamps import BAD_STAMP, MAX_GAP_NS, MIN_PERIOD_NS, MIN_STAMP_NS
-from robot_energy_logs.cells import number_remedy
 from robot_energy_logs.instants import time_remedy
+from robot_energy_logs.table import number_remedy
 
 PAYLOAD_TOPIC = "/energy/payload"
 BODY = FIELDS[1:]  # fields of a message, in the order of the figures of a payload

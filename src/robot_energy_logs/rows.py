@@ -12,11 +12,10 @@ from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Int
 from robot_energy.timeline.stamps import BAD_STAMP, MIN_DATE, valid_stamps
-from robot_energy_logs.cells import Mask, TableRows
 from robot_energy_logs.instants import Instants
 from robot_energy_logs.mapping import LATEST_NS, Time
 from robot_energy_logs.recording import FileAccount
-from robot_energy_logs.table import LogTable
+from robot_energy_logs.table import LogTable, Mask, TableRows
 
 
 def side_by_side(

@@ -35,12 +35,12 @@ from robot_energy_papers.experiment import (
     TOOL,
     MotionSet,
 )
-from robot_energy_papers.held_out import held_out
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
 from robot_energy_papers.models import (
     FIXED_DEGC,
     FOLLOWS,
     fixed_name,
+    held_out,
     identify,
     with_values,
     without_knowledge,

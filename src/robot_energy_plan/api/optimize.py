@@ -25,8 +25,8 @@ from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy_plan.options import OptimizeOptions
-from robot_energy_plan.results.common_supply import supply_figures
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
+from robot_energy_plan.results.shared_bus import supply_figures
 
 TEMPERATURES = 3  # at which a range is looked at
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]

@@ -24,7 +24,7 @@ from robot_energy_plan.motion.gcode_flavors import (
     FoundFlavor,
 )
 from robot_energy_plan.motion.gcode_words import Word, named_command, words_of
-from robot_energy_plan.motion.tool_path import CLOSED, Arc, Dwell, LineSegment, Point, Segment
+from robot_energy_plan.motion.tool_corners import CLOSED, Arc, Dwell, LineSegment, Point, Segment
 
 MAX_SEGMENTS = 500_000
 MAX_NOTES = 50  # different codes that are named

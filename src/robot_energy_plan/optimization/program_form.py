@@ -18,8 +18,8 @@ from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
 from robot_energy_plan.motion.ptp_file import ProgramFile, program_for, read_program
 from robot_energy_plan.motion.trajectory_io import write_csv, write_trajectory
-from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
-from robot_energy_plan.optimization.plan import CyclePlan
+from robot_energy_plan.optimization.chain import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
+from robot_energy_plan.optimization.search import CyclePlan
 from robot_energy_plan.optimization.task import ProgramMoves, Task
 
 MIN_JERK_TIME = 0.01  # s, over which a time law builds up acceleration where nothing is stated

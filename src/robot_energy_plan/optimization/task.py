@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
-from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy_plan.optimization.plan import CostTable, CyclePlan
+from robot_energy_plan.optimization.chain import (
+    ACCELERATIONS,
+    SPEEDS,
+    TORQUE_SHARE,
+    Candidates,
+    Moves,
+    PowerChain,
+    Use,
+    grid,
+)
 from robot_energy_plan.optimization.rest_states import RestState
+from robot_energy_plan.optimization.search import CostTable, CyclePlan
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
 PERCENT = 100.0  # shares are whole per cent, as robot languages take them

@@ -8,8 +8,14 @@ from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_papers.calibration import FLOWS, calibrate, holding_power
-from robot_energy_papers.held_out import SetRow, normalised, worst
-from robot_energy_papers.models import UNKNOWN, with_capacitor, without_knowledge
+from robot_energy_papers.models import (
+    UNKNOWN,
+    SetRow,
+    normalised,
+    with_capacitor,
+    without_knowledge,
+    worst,
+)
 from robot_energy_papers.paper_a import ShaftCurve
 from robot_energy_papers.soaked_rigs import (
     EFFECTS,
