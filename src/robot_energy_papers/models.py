@@ -90,7 +90,11 @@ def fixed_name(degc: float) -> str:
 
 
 def with_values(entry: Entry, **values: float) -> Entry:
-    """Return an entry of a model with other values of its figures, by their names."""
+    """Return an entry of a model with other values of its figures.
+
+    Args:
+        values: By the names of the figures. [units of these]
+    """
     figures = {
         name: getattr(entry, name).model_copy(update={"value": value})
         for name, value in values.items()

@@ -11,7 +11,6 @@ from robot_energy_plan.motion.ptp import (
     random_program,
     tool_above,
 )
-from robot_energy_plan.motion.sequence import Sequence
 
 __all__ = [
     "FourierBasis",
@@ -21,7 +20,6 @@ __all__ = [
     "MotionLimits",
     "Profile",
     "Program",
-    "Sequence",
     "Trajectory",
     "random_program",
     "tool_above",

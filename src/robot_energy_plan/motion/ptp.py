@@ -39,11 +39,6 @@ class MotionLimits(Described):
     )
 
     def __post_init__(self) -> None:
-        shape = self.lower.shape
-        for name in ("upper", "velocity", "acceleration"):
-            found = getattr(self, name).shape
-            if found != shape or len(shape) != 1:
-                raise MotionError(f"the limit '{name}' has shape {found}", f"{shape} as 'lower'")
         for name in ("velocity", "acceleration"):
             values: Float = getattr(self, name)
             if not ((values > 0) & np.isfinite(values)).all():
@@ -84,11 +79,6 @@ class MotionLimits(Described):
         Args:
             joint_position: Shape (n,). [rad] or [m]
         """
-        if joint_position.shape != self.lower.shape:
-            raise MotionError(
-                f"{name} has shape {joint_position.shape}",
-                f"one value for each of {self.n_joints} joints",
-            )
         bad = ~(
             (joint_position >= self.lower - LIMIT_TOLERANCE)
             & (joint_position <= self.upper + LIMIT_TOLERANCE)
@@ -264,19 +254,10 @@ class Program:
     Args:
         via: Configurations, joint side, shape (K, n), K >= 1. [rad] or [m]
         dwell: Rest at each via, one value or shape (K,), >= 0. [s]
-        override: Share of full speed, in (0, 1]. [-]
+        override: Share of full speed, in (0, 1], which the limits have from then on. [-]
         speed_share: Share of the speed under that override, of the move to the next via, in
             (0, 1], one value or shape (K,). [-]
         acceleration_share: The same of the acceleration, one value or shape (K,). [-]
-
-    Attributes:
-        via: As given, shape (K, n). [rad] or [m]
-        dwell: Rest at each via, shape (K,). [s]
-        limits: Limits under the override.
-        speed_share: Of each move, shape (K,). [-]
-        acceleration_share: Of each move, shape (K,). [-]
-        moves: Number of motions in one loop.
-        period: Length of one loop. [s]
     """
 
     def __init__(
@@ -289,23 +270,16 @@ class Program:
         acceleration_share: float | Sequence[float] | Float = 1.0,
     ) -> None:
         self.via = np.array(via, dtype=np.float64)
-        if self.via.ndim != 2 or len(self.via) == 0:
-            raise MotionError(
-                f"the via configurations have shape {self.via.shape}",
-                "(number of vias, number of joints)",
-            )
         self.moves, self.n_joints = len(self.via), int(self.via.shape[1])
         for index, configuration in enumerate(self.via):
             limits.check(configuration, f"via {index + 1}")
-        self.dwell = self._each(dwell, "dwell times")
+        self.dwell, self.speed_share, self.acceleration_share = (
+            np.broadcast_to(np.asarray(given, dtype=np.float64), len(self.via))
+            for given in (dwell, speed_share, acceleration_share)
+        )
         if not ((self.dwell >= 0) & np.isfinite(self.dwell)).all():
             found = np.asarray(dwell).tolist()
             raise MotionError(f"the dwell times are {found}", "finite times >= 0 s")
-        self.speed_share = self._each(speed_share, "speed shares")
-        self.acceleration_share = self._each(acceleration_share, "acceleration shares")
-        for share in (self.speed_share, self.acceleration_share):
-            if not ((share > 0) & (share <= 1)).all():
-                raise MotionError(f"shares of speed are {share.tolist()}", "shares in (0, 1]")
         self.override = override
         self.limits = limits.slowed(override)
         self._distance = np.roll(self.via, -1, axis=0) - self.via
@@ -319,15 +293,6 @@ class Program:
                 "the program neither moves nor rests", "vias that differ or a dwell time > 0 s"
             )
         self._begin = np.concatenate([[0.0], np.cumsum(length)[:-1]])
-
-    def _each(self, given: float | Sequence[float] | Float, what: str) -> Float:
-        """One value of each via, or one for all of them, shape (K,)."""
-        values = np.asarray(given, dtype=np.float64)
-        if values.ndim > 1 or (values.ndim == 1 and len(values) != len(self.via)):
-            raise MotionError(
-                f"the {what} have shape {values.shape}", f"one value or {len(self.via)}"
-            )
-        return np.broadcast_to(values, len(self.via))
 
     @property
     def instants(self) -> Float:

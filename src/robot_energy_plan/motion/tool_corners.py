@@ -103,18 +103,7 @@ class ToolPath:
     name: str = "the tool path"
 
     def __post_init__(self) -> None:
-        at: Point | None = None
-        for segment in self.segments:
-            if isinstance(segment, Dwell):
-                continue
-            if at is not None and math.dist(at, segment.start) > CLOSED:
-                raise MotionError(
-                    f"{self.name}, line {segment.source_line}: the move begins at "
-                    f"{list(segment.start)} m",
-                    f"{list(at)} m, where the one before ended",
-                )
-            at = segment.end
-        if at is None:
+        if all(isinstance(segment, Dwell) for segment in self.segments):
             raise MotionError(
                 f"{self.name} moves nothing", "at least one move (G1, G2 or G3) to a new position"
             )

@@ -437,16 +437,6 @@ def test_files_that_are_none(tmp_path):
         load_gcode(tmp_path / "none.gcode")
 
 
-def test_a_path_with_a_hole_is_refused():
-    lines = [
-        LineSegment((0, 0, 0), (1, 0, 0), 0.1),
-        Dwell(1.0),
-        LineSegment((1, 0, 0.1), (2, 0, 0), 0.1, 7),
-    ]
-    with refused(MotionError, found=("line 7", "[1, 0, 0.1]"), expected="[1, 0, 0]"):
-        ToolPath(lines)
-
-
 @given(st.text(alphabet="GMXYZIJREFNS0123456789.-+* ();\t%/x\u00e9", max_size=60))
 def test_any_line_is_words_or_a_refusal(line):
     try:
