@@ -158,34 +158,32 @@ MODULES = {
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns instants log_formats log_import mapping recording rows table
-        text_table ur_rtde
+        columns instants log_formats log_import mapping recording rows table text_table ur_rtde
     """,
     "robot_energy_papers": """
-        calibration drawings drive_study experiment held_out job_pool machines mantis
-        map_sensitivity models pages paper_a paper_a_page paper_b paper_b_page sensitivity
-        soaked_rigs wall wall_sensitivity
+        calibration drawings drive_study experiment job_pool machines mantis models pages paper_a
+        paper_a_page paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        consecutive options prediction shared_bus
+        options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
     """,
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
-        joint_trajectory load_motion planar planned ptp ptp_file ptp_loop sampled_motion
-        sequence slicing tool_corners tool_motion tool_path tool_timing trajectory_io
+        joint_trajectory load_motion planar planned ptp ptp_file sampled_motion slicing tool_corners
+        tool_motion tool_timing trajectory_io
     """,
     "robot_energy_plan.optimization": """
-        candidates chain comparison deviations forms gcode_form levelling measures plan
-        program_form rest_states search task time_law timed_moves trajectory_form
+        chain comparison deviations forms gcode_form levelling measures program_form rest_states
+        search task time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        common_supply optimization prediction shared_bus
+        optimization prediction shared_bus
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline held_out
@@ -204,8 +202,8 @@ MODULES = {
         config output plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
-        band_coverage certainty ecbot generated_fleet independent interval_coverage judged_savings
-        learning_study savings savings_study thermal_study wear_shift
+        band_coverage certainty ecbot generated_fleet independent interval_coverage learning_study
+        savings savings_study thermal_study
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots
