@@ -84,7 +84,8 @@ class OutputPlacement:
             self._check(self.target)
             folder = self.draft.is_dir()
             if folder:
-                sync_folder(self.draft)
+                for path in (*self.draft.rglob("*"), self.draft):
+                    sync(path)
             if os.path.lexists(self.target):
                 self._set_aside(folder)
             os.replace(self.draft, self.target)
@@ -92,7 +93,7 @@ class OutputPlacement:
     def sync(self) -> None:
         """Write its new place to the disk."""
         with self._disk():
-            sync_folder(self.target.parent)
+            sync(self.target.parent)
 
     @contextmanager
     def _disk(self) -> Generator[None]:
@@ -285,13 +286,13 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def sync_folder(folder: Path) -> None:
-    """Bring the names in a folder to the disk, where its file system can.
+def sync(path: Path) -> None:
+    """Bring a file, or the names in a folder, to the disk, where its file system can.
 
     Raises:
         OSError: If it cannot be opened, or the disk fails.
     """
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    number = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(number)
     except OSError as error:
