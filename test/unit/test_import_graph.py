@@ -277,7 +277,7 @@ OF_THE_NODES = {
     "robot_energy_rig",
 }  # fmt: skip
 # The demo shows an identification too.
-OF_THE_DEMO = {"demo/demo_identification.py": {"robot_energy_identify"}}
+OF_THE_DEMO = {"demo/demo.py": {"robot_energy_identify"}}
 # Nothing online imports these.
 OFFLINE = (
     "robot_energy_cli", "robot_energy_fleet", "robot_energy_identify", "robot_energy_logs",
