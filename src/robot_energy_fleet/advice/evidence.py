@@ -15,8 +15,7 @@ from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
-from robot_energy_plan.consecutive import ConsecutiveBlocks
-from robot_energy_plan.optimization.deviations import DeviationSums
+from robot_energy_plan.optimization.deviations import ConsecutiveBlocks, DeviationSums
 
 WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the work
