@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, Float, FrictionBlock, Int, differences
-from robot_energy.timeline.streams import SLOW_NS
+from robot_energy.timeline.stamps import SLOW_NS
 
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own

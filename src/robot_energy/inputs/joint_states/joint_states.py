@@ -46,10 +46,11 @@ from robot_energy.timeline.stamps import (
     BY_PERIOD,
     MAX_MAX_GAP,
     MIN_PERIOD_NS,
-    StampOrder,
+    EpochRun,
+    Reach,
     sentence_of,
 )
-from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter
+from robot_energy.timeline.streams import StampOrder, StreamSplitter
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -28,12 +28,14 @@ from robot_energy.timeline.blocks import (
 from robot_energy.timeline.stamps import (
     BACKWARD_JUMP_NS,
     BAD_STAMP,
+    EpochRun,
+    Reach,
     first_needed,
     held_rows,
     sentence_of,
     valid_stamps,
 )
-from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter, joined
+from robot_energy.timeline.streams import StreamSplitter, joined
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
