@@ -115,14 +115,11 @@ MODULES = {
         schema store tariffs use
     """,
     "robot_energy_identify": """
-        blas_threads bounds friction_and_thermal options plausibility provenance
+        auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
         refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
-    """,
-    "robot_energy_identify.auxiliary": """
-        readings states
     """,
     "robot_energy_identify.cabinet": """
         cabinet dc_link fan levels link_errors link_readings phase_readings supply

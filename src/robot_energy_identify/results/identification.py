@@ -10,7 +10,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts
 from robot_energy.timeline.blocks import MeterLocation
-from robot_energy_identify.auxiliary.states import LoadsFit
+from robot_energy_identify.auxiliary import LoadsFit
 from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.cabinet.supply import SupplyFound
