@@ -113,14 +113,11 @@ MODULES = {
         schema store tariffs use
     """,
     "robot_energy_identify": """
-        blas_threads bounds friction_and_thermal options plausibility provenance
+        auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
         refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
-    """,
-    "robot_energy_identify.auxiliary": """
-        readings states
     """,
     "robot_energy_identify.cabinet": """
         cabinet dc_link fan levels link_errors link_readings phase_readings supply
@@ -137,7 +134,7 @@ MODULES = {
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
-        sufficiency torque_model validation
+        torque_model validation
     """,
     "robot_energy_identify.excitation": """
         excitation limits
@@ -146,13 +143,13 @@ MODULES = {
         apart friction further_terms held_out hold laws samples shared_shape temperature_study
     """,
     "robot_energy_identify.results": """
-        check drives dynamics evaluation identification
+        dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
         actuators arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic torque_errors
+        cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
@@ -199,7 +196,7 @@ MODULES = {
         settings web_app web_server
     """,
     "robot_energy_rig": """
-        config output plant profile record sensors virtual_rig
+        config plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
         band_coverage certainty ecbot generated_fleet independent interval_coverage learning_study

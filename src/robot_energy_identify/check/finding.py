@@ -1,4 +1,4 @@
-"""What a check of a recording found: cause, evidence in a number, and what mends it."""
+"""What a check of a recording finds, and its result."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import field
 from typing import Annotated
 
 from robot_energy.foundation.described import Described
+from robot_energy.results.base import Result
 
 ERROR = "error"
 WARNING = "warning"
@@ -68,3 +69,9 @@ def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Findi
     """Return a note that a recording cannot show a mistake; of all joints without a subject."""
     sentence = f"cannot be judged from this recording: {what} ({why})"
     return Finding(UNJUDGED + cause, NOTE, subject, sentence)
+
+
+class CheckReport(Result, name="check"):
+    """Findings of recordings with one model."""
+
+    recordings: Annotated[tuple[CheckResult, ...], "One for each."]
