@@ -189,15 +189,12 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month history_tables html identification identify_all jobs layout model notebook
-        optimization prediction printing recordings repeats replay replay_figures
-    """,
-    "robot_energy_report.layouts": """
-        plots viewers
+        history_month history_tables html identification identify_all jobs layout layouts model
+        notebook optimization prediction printing recordings repeats replay replay_figures
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics recording robot_state saved_page
+        access alarms energy_flow headless_browser history history_figures history_view hub
+        json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """
