@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robot_energy_cli import (
     check,
-    export,
+    dashboards,
     fleet,
     history,
     identify,
@@ -13,13 +13,10 @@ from robot_energy_cli import (
     identify_excitation,
     import_logs,
     info,
-    layouts,
     listings,
     models,
-    monitoring,
     motions,
     replay,
-    report,
     simulate,
     test,
 )
@@ -45,8 +42,8 @@ FLEET = Group(
     lambda: (fleet.RUN, fleet.REPORT, fleet.IDENTIFY),
 )
 COMMANDS: tuple[Command | Group, ...] = (
-    replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
+    replay.REPLAY, replay.REPORT, replay.EXPORT, import_logs.COMMAND, check.COMMAND,
     test.COMMAND, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
     motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
-    simulate.COMMAND, listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+    simulate.COMMAND, listings.SCHEMA, dashboards.LAYOUTS, dashboards.MONITORING,
 )  # fmt: skip

@@ -14,10 +14,9 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS
 from robot_energy_history.differences import REPAIRED, CountedSpan, Event
 from robot_energy_history.files import DAMAGED, open_reader, open_writer, take_lock
-from robot_energy_history.jobs import unlike_jobs
 from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
-from robot_energy_history.rows import put_events, reading_from
+from robot_energy_history.rows import put_events, reading_from, unlike_jobs
 from robot_energy_history.schema import (
     FILE,
     LEVELS,

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy_history.differences import SLOT_NS, UNRESOLVED, CountedSpan
-from robot_energy_history.jobs import roll_jobs, roll_jobs_again
 from robot_energy_history.readings import COLUMNS, IMPORT, JOINT_COLUMNS
-from robot_energy_history.rows import put_slot
+from robot_energy_history.rows import put_slot, roll_jobs, roll_jobs_again
 from robot_energy_history.schema import LEVELS
 
 QUARTERS = DAY_NS // SLOT_NS

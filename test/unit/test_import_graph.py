@@ -90,10 +90,10 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        check command commands export fleet history identify identify_drives
-        identify_dynamics identify_excitation identify_inputs import_logs info kinds layouts
-        listings main model_reference models monitoring motions replay replay_arguments
-        report result_schema simulate stopping terminal test
+        check command commands dashboards fleet history identify identify_drives
+        identify_dynamics identify_excitation identify_inputs import_logs info listings main
+        model_reference models motions replay replay_arguments result_schema simulate
+        terminal test
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -109,7 +109,7 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files jobs notes outputs queries readings rollup rows savings
+        api bags check differences files notes outputs queries readings rollup rows savings
         schema store tariffs use
     """,
     "robot_energy_identify": """
@@ -188,9 +188,10 @@ MODULES = {
         common_supply optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month history_tables html identification identify_all jobs layout layouts model
-        notebook optimization prediction printing recordings repeats replay replay_figures
+        canvas document drives dynamics energy evaluation formats headline held_out
+        history_month history_tables html identification identify_all jobs layout layouts
+        model notebook optimization prediction printing recordings repeats replay
+        replay_figures
     """,
     "robot_energy_report.page": """
         access alarms energy_flow headless_browser history history_figures history_view hub
