@@ -193,6 +193,7 @@ PARTS: dict[str, tuple[str, ...]] = {
 PHASES: dict[str, tuple[str, ...]] = {
     "moves": ("motion",), "holds": ("hold",), "generates": ("generating",),
 }  # fmt: skip
+PARTS_OF_GROUP = {"part": PARTS, "phase": PHASES}
 JOINT_PARTS = ("rigid", "friction", "drive_loss")  # electrical energy into the drive of a joint
 GROUPS = ("robot", "cell", "part", "phase", "joint", "job")
 FIGURES = {
@@ -238,17 +239,12 @@ def summed(table: TimeSeries) -> list[Row]:
 def less(rows: Sequence[Row], open_rows: Sequence[Row]) -> list[Row]:
     """The same without the quarter hour that goes on; who has nothing else is left out."""
     last = {row["robot"]: row for row in open_rows}
-    found = (_less(row, last[row["robot"]]) if row["robot"] in last else row for row in rows)
+    kept = (*KEPT, "flags", PEAK)
+    found: list[Row] = []
+    for row in rows:
+        other = last.get(row["robot"], {})
+        found.append({k: v if k in kept else v - other.get(k, 0) for k, v in row.items()})
     return [row for row in found if row["observed_ns"] or row[IMPORT]]
-
-
-def _less(one: Row, other: Row) -> Row:
-    left = {
-        name: value - other.get(name, 0)
-        for name, value in one.items()
-        if name not in (*KEPT, "flags", PEAK)
-    }
-    return {**one, **left}
 
 
 def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, Any]]:
@@ -317,7 +313,7 @@ def series_of(period: Period, group: str, rows: Sequence[Row], alone: bool) -> l
             values = sums.setdefault(name, [None] * len(places))
             place = places[row["stamp_ns"]]
             values[place] = (values[place] or 0.0) + value / 1e6
-    if group in ("part", "phase"):
+    if group in PARTS_OF_GROUP:
         return [{"name": name, "values": values} for name, values in sums.items()]
     order = sorted(sums, key=lambda name: -sum(value or 0.0 for value in sums[name]))
     shown, others = order[:MAX_SERIES], order[MAX_SERIES:]
@@ -335,20 +331,15 @@ def _values(group: str, row: Row, alone: bool) -> list[tuple[str, int]]:
     def total(names: Sequence[str]) -> int:
         return sum(row[f"{name}_microjoule"] for name in names)
 
-    match group:
-        case "part":
-            return [(name, total(columns)) for name, columns in PARTS.items()]
-        case "phase":
-            return [(name, total(columns)) for name, columns in PHASES.items()]
-        case "joint":
-            name = row["joint"] if alone else f"{row['robot']} {row['joint']}"
-            return [(name, total(JOINT_PARTS))]
-        case "job":
-            return [(row["job"], row[IMPORT])]
-        case "cell":  # the first part of its name, as in the name space of its nodes
-            return [(row["robot"].partition("/")[0], row[IMPORT])]
-        case _:
-            return [(row["robot"], row[IMPORT])]
+    if group in PARTS_OF_GROUP:
+        return [(name, total(columns)) for name, columns in PARTS_OF_GROUP[group].items()]
+    if group == "joint":
+        name = row["joint"] if alone else f"{row['robot']} {row['joint']}"
+        return [(name, total(JOINT_PARTS))]
+    name = row["job" if group == "job" else "robot"]
+    if group == "cell":  # the first part of its name, as in the name space of its nodes
+        name = name.partition("/")[0]
+    return [(name, row[IMPORT])]
 
 
 def remarks_of(rows: Sequence[Row]) -> list[str]:

@@ -32,7 +32,6 @@ from robot_energy_report.page.history_view import (
     Wish,
     friction_answer,
     savings_answer,
-    savings_wish,
 )
 from robot_energy_report.page.hub import ACTIONS, PageHub
 from robot_energy_report.page.json_numbers import json_text
@@ -72,7 +71,7 @@ class HistoryRoutes:
         answers: dict[str, Answer] = {
             "": self._answer,
             "/shifts": lambda wish, asked, now_ns: self._view.shifts(wish),
-            "/savings": self._savings,
+            "/savings": lambda wish, asked, now_ns: savings_answer(folder, wish, asked, now_ns),
             "/friction": lambda wish, asked, now_ns: friction_answer(
                 folder, wish.robots, wish.period
             ),
@@ -95,10 +94,6 @@ class HistoryRoutes:
 
     def _answer(self, wish: Wish, asked: Asked, now_ns: int) -> dict[str, Any]:
         return {**self._view.answer(wish, now_ns), "control": self._control}
-
-    def _savings(self, wish: Wish, asked: Asked, now_ns: int) -> dict[str, Any]:
-        days = savings_wish(asked, wish.period, now_ns)
-        return savings_answer(self._view.folder, wish.robots, wish.period, days)
 
     def _json(self, answer: Answer) -> Callable[[Request], Awaitable[Response]]:
         """Return the route that gives the answer to a wish."""
