@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy_history.differences import CountedSpan, Epoch, Event
+from robot_energy_history.files import JOB_COLUMNS, JOB_SUMS, LEVELS, ROLL_JOBS
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS, LearnedFriction, Reading
-from robot_energy_history.schema import JOB_COLUMNS, JOB_SUMS, LEVELS, ROLL_JOBS
 
 T = TypeVar("T")
 

@@ -38,9 +38,7 @@ class PlotCurve(Described):
         None
     )
     name: Annotated[str, "Name of the joint; empty for the whole robot."] = ""
-    nested: Annotated[
-        bool, "Whether the joints are entries of `joints`, not elements of arrays."
-    ] = False
+    nested: Annotated[bool, "Whether joints are entries of `joints`, not elements."] = False
 
     def path(self, dots: bool) -> str:
         """Return its path, with dots as Foxglove and Lichtblick or with slashes as the others."""

@@ -30,19 +30,11 @@ class Series(Described):
 
     label: str
     role: Role
-    time: Annotated[
-        Float,
-        "Middle of each point, since the start of the recording; NaN breaks the curve, shape "
-        "(K,). [s]",
-    ]
+    time: Annotated[Float, "Middle of each point; NaN breaks the curve, shape (K,). [s]"]
     power: Annotated[Float, "Mean of each point, shape (K,). [W]"]
     energy_time: Annotated[Float, "Ends of the points, shape (L,). [s]"]
-    energy: Annotated[
-        Float, "Counted from the start, level where nothing is known, shape (L,). [J]"
-    ]
-    energy_half: Annotated[
-        float, "Half width of the 90 % band of the last energy; NaN for none. [J]"
-    ] = float("nan")
+    energy: Annotated[Float, "From the start, level where unknown, shape (L,). [J]"]
+    energy_half: Annotated[float, "Half the 90 % band of the last energy. [J]"] = float("nan")
 
 
 def compared_series(

@@ -23,10 +23,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from histories import DAY, HOUR, MINUTE, START, Robot
 from robot_energy_history.api import history, history_jobs
-from robot_energy_history.files import open_reader
+from robot_energy_history.files import JOB_SUMS, open_reader
 from robot_energy_history.readings import COLUMNS
 from robot_energy_history.rollup import Rolled, curve_id
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff, add_tariffs
 from robot_energy_report.page.history_view import HistoryView, savings_answer

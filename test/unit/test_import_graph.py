@@ -90,10 +90,9 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        check command commands dashboards fleet history identify identify_drives
-        identify_dynamics identify_excitation identify_inputs import_logs info listings main
-        model_reference models motions replay replay_arguments result_schema simulate
-        terminal test
+        command commands dashboards fleet history identify identify_drives identify_dynamics
+        identify_excitation identify_inputs listings main model_reference models motions
+        recordings replay replay_arguments result_schema simulate terminal
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -110,7 +109,7 @@ MODULES = {
     """,
     "robot_energy_history": """
         api bags check differences files notes outputs queries readings rollup rows savings
-        schema store tariffs use
+        store tariffs use
     """,
     "robot_energy_identify": """
         blas_threads bounds friction_and_thermal options plausibility provenance

@@ -19,10 +19,9 @@ from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH, SECOND_NS
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_history.api import History, history, history_events, history_friction, job_sums
 from robot_energy_history.differences import SLOT_NS
-from robot_energy_history.files import open_reader, reader
+from robot_energy_history.files import JOB_SUMS, open_reader, reader
 from robot_energy_history.queries import Resolution, robots_of, rows_of, zone_of
 from robot_energy_history.savings import BAND, DRIVERS, EnergySavings, savings_by_robot
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import Tariff, add_tariffs, day_begin, stored_tariffs
 from robot_energy_report.page.history_figures import (
     GROUPS,
