@@ -110,7 +110,13 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         + ("as logged" if report.effort == "log" else "motor side"),
         [
             Column("axis", "name"),
-            Column("Coulomb", _coulomb, unit=unit),
+            Column(
+                "Coulomb",
+                lambda fit: (
+                    uncertain(fit.coulomb, fit.coulomb_std) if fit.coulomb > 0 else AT_BOUND
+                ),
+                unit=unit,
+            ),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
             Column("Stribeck", _stribeck, unit=unit, optional=True),
             Column("of the load", _by_load, optional=True),
@@ -169,9 +175,11 @@ def gear_tables(gears: GearsFound, page: Document) -> None:
             [
                 Column("gear", "name"),
                 Column(
-                    "time constant", lambda fit: _uncertain(fit.time_constant, 60.0), unit="min"
+                    "time constant",
+                    lambda fit: uncertain(*(each / 60.0 for each in fit.time_constant)),
+                    unit="min",
                 ),
-                Column("rise at work", lambda fit: _uncertain(fit.rise), unit="K"),
+                Column("rise at work", lambda fit: uncertain(*fit.rise), unit="K"),
                 Column("friction work, gear", "error", percent),
                 Column("motor", "motor_error", percent),
                 Column("hours", "hours", fixed(1)),
@@ -183,14 +191,6 @@ def gear_tables(gears: GearsFound, page: Document) -> None:
              "friction that follows the gear and the motor"]
         )  # fmt: skip
     page.notes(grouped(gears.refused))
-
-
-def _uncertain(figure: tuple[float, float], unit: float = 1.0) -> str:
-    return uncertain(figure[0] / unit, figure[1] / unit)
-
-
-def _coulomb(fit: FrictionFit) -> str:
-    return uncertain(fit.coulomb, fit.coulomb_std) if fit.coulomb > 0.0 else AT_BOUND
 
 
 def _stribeck(fit: FrictionFit) -> str | None:
