@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import date, datetime, timedelta
 from itertools import pairwise
 from typing import Annotated, Any
@@ -68,23 +69,19 @@ class Period(Described):
 
     def moved(self, step: int) -> Period:
         """Return the period that lies so many steps later; of a span, as long as it."""
-        local = self._local(self.start_ns)
-        match self.kind:
-            case "hour":
-                begin = self.start_ns + step * HOUR_NS
-            case "day" | "week":
-                day = local.date() + timedelta(days=step * (7 if self.kind == "week" else 1))
-                begin = day_begin(day, self.zone)
-            case "month" | "year":
-                months = step if self.kind == "month" else 12 * step
-                year, month = divmod(local.year * 12 + local.month - 1 + months, 12)
-                begin = day_begin(date(year, month + 1, 1), self.zone)
-            case _:
-                length = self.stop_ns - self.start_ns
-                return Period(
-                    SPAN, self.start_ns + step * length, self.stop_ns + step * length,
-                    self.resolution, self.zone,
-                )  # fmt: skip
+        if self.kind == SPAN:
+            by = step * (self.stop_ns - self.start_ns)
+            return replace(self, start_ns=self.start_ns + by, stop_ns=self.stop_ns + by)
+        if self.kind == "hour":
+            return period_at("hour", self.start_ns + step * HOUR_NS, self.zone)
+        day = self._local(self.start_ns).date()
+        if self.kind in ("day", "week"):
+            day += timedelta(days=step * (7 if self.kind == "week" else 1))
+        else:
+            months = step if self.kind == "month" else 12 * step
+            year, month = divmod(day.year * 12 + day.month - 1 + months, 12)
+            day = date(year, month + 1, 1)
+        begin = day_begin(day, self.zone)
         return period_at(self.kind, begin, self.zone)
 
     def same_part(self, until_ns: int) -> int:
@@ -197,10 +194,9 @@ PARTS_OF_GROUP = {"part": PARTS, "phase": PHASES}
 JOINT_PARTS = ("rigid", "friction", "drive_loss")  # electrical energy into the drive of a joint
 GROUPS = ("robot", "cell", "part", "phase", "joint", "job")
 FIGURES = {
-    "energy": (IMPORT,), "returned": ("predicted_return_microjoule",),
-    "motion": ("motion_microjoule",), "hold": ("hold_microjoule",),
-    "standby": ("standby_microjoule",), "friction": ("friction_microjoule",),
-    "measured": ("measured_microjoule",), "at_meter": ("predicted_microjoule_at_meter",),
+    "energy": IMPORT, "motion": "motion_microjoule", "hold": "hold_microjoule",
+    "standby": "standby_microjoule", "friction": "friction_microjoule",
+    "measured": "measured_microjoule", "at_meter": "predicted_microjoule_at_meter",
 }  # fmt: skip
 TIMES = {"observed": "observed_ns", "compared": "compared_ns", "standby_time": "standby_ns"}
 RESTS = {"night": "at night", "weekend": "at the weekend, nights included"}
@@ -252,9 +248,7 @@ def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, An
     found: dict[str, dict[str, Any]] = {}
     for row in rows:
         priced = row.get("priced_microjoule", 0)
-        figures: dict[str, Any] = {
-            name: sum(row[column] for column in columns) / 1e6 for name, columns in FIGURES.items()
-        }
+        figures: dict[str, Any] = {name: row[column] / 1e6 for name, column in FIGURES.items()}
         figures |= {name: row[column] / SECOND_NS for name, column in TIMES.items()}
         if not row["compared_ns"]:
             figures["measured"] = figures["at_meter"] = None
