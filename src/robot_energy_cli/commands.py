@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from robot_energy_cli import (
-    check,
-    export,
+    dashboards,
     fleet,
     history,
     identify,
     identify_drives,
     identify_dynamics,
     identify_excitation,
-    import_logs,
-    info,
-    layouts,
     listings,
     models,
-    monitoring,
     motions,
+    recordings,
     replay,
-    report,
     simulate,
-    test,
 )
 from robot_energy_cli.command import Command, Group
 
@@ -45,8 +39,8 @@ FLEET = Group(
     lambda: (fleet.RUN, fleet.REPORT, fleet.IDENTIFY),
 )
 COMMANDS: tuple[Command | Group, ...] = (
-    replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
-    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
-    motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
-    simulate.COMMAND, listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+    replay.REPLAY, replay.REPORT, replay.EXPORT, recordings.IMPORT, recordings.CHECK,
+    recordings.TEST, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
+    motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, recordings.INFO,
+    simulate.COMMAND, listings.SCHEMA, dashboards.LAYOUTS, dashboards.MONITORING,
 )  # fmt: skip

@@ -90,10 +90,9 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        check command commands export fleet history identify identify_drives
-        identify_dynamics identify_excitation identify_inputs import_logs info kinds layouts
-        listings main model_reference models monitoring motions replay replay_arguments
-        report result_schema simulate stopping terminal test
+        command commands dashboards fleet history identify identify_drives identify_dynamics
+        identify_excitation identify_inputs listings main model_reference models motions
+        recordings replay replay_arguments result_schema simulate terminal
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -109,8 +108,8 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files jobs notes outputs queries readings rollup rows savings
-        schema store tariffs use
+        api bags check differences files notes outputs queries readings rollup rows savings
+        store tariffs use
     """,
     "robot_energy_identify": """
         auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
@@ -183,16 +182,14 @@ MODULES = {
         optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month history_tables html identification identify_all jobs layout model notebook
-        optimization prediction printing recordings repeats replay replay_figures
-    """,
-    "robot_energy_report.layouts": """
-        plots viewers
+        canvas document drives dynamics energy evaluation formats headline held_out
+        history_month history_tables html identification identify_all jobs layout layouts
+        model notebook optimization prediction printing recordings repeats replay
+        replay_figures
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics recording robot_state saved_page
+        access alarms energy_flow headless_browser history history_figures history_view hub
+        json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """
