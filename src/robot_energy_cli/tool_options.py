@@ -51,8 +51,7 @@ def tool_table(several: bool = False) -> Options:
 def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
     """Return what was given."""
     from robot_energy_plan.motion.load_motion import ToolOptions, joint_list
-    from robot_energy_plan.motion.tool_motion import ToolPlacement
-    from robot_energy_plan.motion.tool_timing import ToolLimits
+    from robot_energy_plan.motion.tool_motion import ToolLimits, ToolPlacement
 
     placement = ToolPlacement()
     if base is not None:

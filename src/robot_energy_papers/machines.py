@@ -22,8 +22,7 @@ from robot_energy_papers.mantis import Smooth
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion import InverseKinematics, Trajectory
 from robot_energy_plan.motion.gcode import read_gcode
-from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
-from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy_plan.motion.tool_motion import TimedPath, ToolLimits, ToolMotion, ToolPlacement
 from robot_energy_plan.prediction import START_NS, planned_block
 from robot_energy_rig import RigOutput, VirtualRig, load_profile
 from robot_energy_rig.record import outputs

@@ -23,22 +23,24 @@ from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.base import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
 from robot_energy_fleet.advice.claims import (
-    LONG_REST,
     Claim,
+    of_all,
     regenerative,
     shared_bus,
     standby,
     waiting_pose,
     warm_up,
 )
-from robot_energy_fleet.advice.dataset_evidence import (
+from robot_energy_fleet.advice.evidence import (
+    LONG_REST,
     MIN_BAGS,
+    MIN_REST,
+    EvidenceSums,
+    RecordedEvidence,
     SampledBag,
     dataset_evidence,
     evenly,
-    of_all,
 )
-from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy_fleet.options import AdviseOptions
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy_fleet.tables import is_history

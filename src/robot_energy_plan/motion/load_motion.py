@@ -15,12 +15,17 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.gcode import RAPID_SPEED, GcodeProgram, load_gcode, read_gcode
 from robot_energy_plan.motion.inverse_kinematics import InverseKinematics
+from robot_energy_plan.motion.joint_trajectory import read_bag_trajectory, read_csv_trajectory
 from robot_energy_plan.motion.planned import PlannedMotion, SampledMotion
 from robot_energy_plan.motion.ptp_file import program_for, read_program
 from robot_energy_plan.motion.slicing import Slicing, slice_stl
-from robot_energy_plan.motion.tool_motion import STEP, ToolMotion, ToolPlacement
-from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
-from robot_energy_plan.motion.trajectory_io import read_bag_trajectory, read_csv_trajectory
+from robot_energy_plan.motion.tool_motion import (
+    STEP,
+    TimedPath,
+    ToolLimits,
+    ToolMotion,
+    ToolPlacement,
+)
 
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
 STL = ".stl"

@@ -8,8 +8,12 @@ from robot_energy.bag.reader import BagReader, TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.motion.joint_trajectory import (
+    MESSAGE,
+    read_bag_trajectory,
+    read_csv_trajectory,
+)
 from robot_energy_plan.motion.load_motion import BAG, GCODE, YAML, ToolOptions
-from robot_energy_plan.motion.trajectory_io import MESSAGE, read_bag_trajectory, read_csv_trajectory
 from robot_energy_plan.optimization.gcode_form import GcodeForm
 from robot_energy_plan.optimization.program_form import ProgramForm, PtpForm
 from robot_energy_plan.optimization.trajectory_form import TrajectoryForm, recorded_motion

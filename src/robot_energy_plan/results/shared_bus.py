@@ -13,16 +13,18 @@ from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_us
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_plan.motion.planned import PlannedMotion
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
-from robot_energy_plan.optimization.levelling import Levelling, level_starts, samples_of
 from robot_energy_plan.optimization.task import Task
 from robot_energy_plan.prediction import START_NS, predict
 from robot_energy_plan.shared_bus import (
     ROUNDING,
     BusExchange,
     BusRobot,
+    Levelling,
     PlannedBus,
+    level_starts,
     planned_exchange,
     planned_robot,
+    samples_of,
     shared_cabinet,
 )
 

@@ -19,19 +19,20 @@ from robot_energy_cli.main import main
 from robot_energy_fleet.advice.advise import _advice, _basis
 from robot_energy_fleet.advice.claims import (
     Claim,
+    of_all,
     regenerative,
     shared_bus,
     standby,
     waiting_pose,
     warm_up,
 )
-from robot_energy_fleet.advice.dataset_evidence import dataset_evidence, of_all
 from robot_energy_fleet.advice.evidence import (
     DEGC_BINS,
     DEMAND_BINS,
     EvidenceSums,
     RecordedEvidence,
     RecordedRest,
+    dataset_evidence,
 )
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.documents.advice import TITLES, advice_document
