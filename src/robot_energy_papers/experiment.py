@@ -76,7 +76,7 @@ class MotionSet(Described):
         return float((motor[1] - motor[0]).max())
 
     @property
-    def lag(self) -> float:
+    def motor_minus_gear(self) -> float:
         """Mean of motor minus gear temperature over axes and time. [K]"""
         recording = self.recording
         return float((recording.motor_temperature_degc - recording.gear_temperature_degc).mean())

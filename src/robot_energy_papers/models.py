@@ -236,14 +236,13 @@ class SetRow(Described):
     robot_degc: Annotated[
         float, "Mean over the motors of their mean temperature in the set. [degC]"
     ]
-    coldest_degc: Annotated[float, "The coldest motor. [degC]"]
-    warmest_degc: Annotated[float, "The warmest motor. [degC]"]
+    motor_degc: Annotated[tuple[float, float], "The coldest and the warmest motor. [degC]"]
     rise: Annotated[float, "Rise of temperature of the motor that warmed most in the set. [K]"]
-    lag: Annotated[float, "Mean motor minus gear temperature, truth. [K]"]
+    motor_minus_gear: Annotated[float, "Mean motor minus gear temperature, truth. [K]"]
     measured_energy: Annotated[float, "By the meter, over the compared time. [J]"]
-    compared: Annotated[float, "That time. [s]"]
+    compared_time: Annotated[float, "That time. [s]"]
     peak_power: Annotated[float, "Truth. [W]"]
-    predicted: Annotated[dict[str, float], "Energy over the same time, by model. [J]"]
+    predicted_energy: Annotated[dict[str, float], "Energy over the same time, by model. [J]"]
     extrapolated: Annotated[
         float, "Share of the samples in which a friction law was used outside its fitted range. [-]"
     ]
@@ -251,11 +250,11 @@ class SetRow(Described):
     @property
     def mean_power(self) -> float:
         """Measured energy over the compared time. [W]"""
-        return self.measured_energy / self.compared
+        return self.measured_energy / self.compared_time
 
     def error(self, model: str) -> float:
         """Return predicted over measured energy, less 1. [-]"""
-        return self.predicted[model] / self.measured_energy - 1.0
+        return self.predicted_energy[model] / self.measured_energy - 1.0
 
 
 def held_out(
@@ -284,10 +283,9 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
         entry.path.name,
         entry.way,
         float(truth.mean()),
-        float(truth.min()),
-        float(truth.max()),
+        (float(truth.min()), float(truth.max())),
         entry.rise,
-        entry.lag,
+        entry.motor_minus_gear,
         measured,
         compared,
         entry.recording.peak_power,

@@ -68,7 +68,7 @@ def test_a_model_of_one_temperature_predicts_one_energy(quick):
 @pytest.mark.long
 def test_what_unmodelled_effects_cost_has_the_sign_of_physics(quick):
     _, data = quick
-    rows = {row["rig"]: row for row in data["effects"]}
+    rows = {row["name"]: row for row in data["effects"]}
     assert abs(rows["none of them"]["worst"]) < 0.01  # only the shape of the law is wrong
     assert rows["only copper"]["mean"] < -0.03  # heat that the model does not see
     assert rows["only capacitor"]["mean"] > 0.02  # braking energy that comes back
