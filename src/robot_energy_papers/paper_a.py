@@ -27,7 +27,7 @@ from robot_energy_papers.calibration import (
     random_poses,
 )
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.models import FOLLOWS, Identified, SetRow, held_out, identify, shaft_power
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 from robot_energy_papers.soaked_rigs import (
@@ -312,8 +312,7 @@ def study(options: StudyRun, scale: PaperAStudySize) -> PaperA:
     """Return what the whole study finds."""
     seed = options.seed
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
-    steps = Steps(len(rigs) + scale.plants + 5, options.progress, SHARE_BEFORE_FITS)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, len(rigs) + scale.plants + 5, SHARE_BEFORE_FITS) as run:
         training, testing = (
             run(record, options.folder, seed, scale) for record in (_record_training, record_test)
         )

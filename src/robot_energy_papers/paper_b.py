@@ -25,7 +25,7 @@ from robot_energy_papers.drive_study import (
     map_tables,
     tested,
 )
-from robot_energy_papers.job_pool import Steps, StudyRun
+from robot_energy_papers.job_pool import StudyRun
 from robot_energy_papers.machines import (
     ARM,
     MACHINES,
@@ -232,7 +232,7 @@ class PaperB(Described):
 def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
     """Return what all studies find."""
     seed, folder = options.seed, options.folder
-    step = Steps(STEPS + scale.plants, options.progress).done
+    step = options.steps(STEPS + scale.plants)
     start, profile = load("mantis"), load_profile("mantis")
     first = seed * SEED_STEP
     train = excitation(start, profile, first + 1, scale.iterations)

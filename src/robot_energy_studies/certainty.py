@@ -17,7 +17,7 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float, Learning
 from robot_energy_papers.drawings import reliability
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.pages import Piece
 from robot_energy_rig import load_profile, random_profile
 from robot_energy_studies.band_coverage import (
@@ -138,8 +138,7 @@ def study(options: StudyRun, scale: CertaintyStudySize) -> Certainty:
     first = 1000 * seed
     plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]
     single = scale.repetitions + scale.hard + scale.band_plants + scale.thermal + scale.wear
-    steps = Steps(single + len(plants), options.progress)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, single + len(plants)) as run:
         own, hard = (
             [run(repetitions, scale.robots, [first + k], kind) for k in range(number)]
             for number, kind in ((scale.repetitions, False), (scale.hard, True))

@@ -31,7 +31,7 @@ from robot_energy_identify.stats.cross_validation import rms_of
 from robot_energy_logs.log_formats import LOG_FORMATS
 from robot_energy_logs.log_import import contents_of, open_logs
 from robot_energy_logs.mapping import load_mapping
-from robot_energy_papers.job_pool import Steps, StudyRun
+from robot_energy_papers.job_pool import StudyRun
 from robot_energy_papers.pages import Piece
 
 DATA = "ROBOT_ENERGY_DATA"  # names the folder of the recordings
@@ -113,11 +113,11 @@ def data_folder(given: str | None = None) -> Path:
 
 def study(options: StudyRun, folder: Path) -> tuple[TestedRobot, ...]:
     """Return the test of each robot."""
-    steps = Steps(2, options.progress)
-    robots = [_ur3e(folder / "rad_ur3e")]
-    steps.done()
-    robots.append(_yu_cobot(folder / "voraus" / "test.parquet"))
-    steps.done()
+    done = options.steps(2)
+    robots: list[TestedRobot] = []
+    for test, place in ((_ur3e, "rad_ur3e"), (_yu_cobot, "voraus/test.parquet")):
+        robots.append(test(folder / place))
+        done()
     return tuple(robots)
 
 

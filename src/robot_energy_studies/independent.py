@@ -35,7 +35,7 @@ from robot_energy_papers.experiment import (
     TOOL,
     MotionSet,
 )
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.models import (
     FIXED_DEGC,
     FOLLOWS,
@@ -105,8 +105,7 @@ def study(options: StudyRun, scale: IndependentStudySize) -> Independent:
     """Return what the whole study finds."""
     require("mujoco", "the second simulator")
     first = 1000 * options.seed + 1
-    steps = Steps(scale.plants, options.progress)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, scale.plants) as run:
         jobs = [run(independent_row, first + number, scale) for number in range(scale.plants)]
         return Independent(options.seed, scale, [job.result() for job in jobs])
 

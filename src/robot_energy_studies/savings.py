@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.results.base import json_value
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.pages import Piece
 from robot_energy_plan.motion import Program, random_program
 from robot_energy_report.canvas import SERIES, Target, canvas
@@ -63,8 +63,7 @@ def study(options: StudyRun, scale: SavingsStudySize) -> Savings:
     """Return what the whole study finds."""
     seed = options.seed
     first = 1000 * seed + FRESH
-    steps = Steps(scale.plants + 1, options.progress)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, scale.plants + 1) as run:
         judged = [run(judge_plant, first + k, scale) for k in range(scale.plants)]
         curves = run(_override_curves, seed)
         return Savings(
