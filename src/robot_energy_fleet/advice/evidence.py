@@ -97,8 +97,6 @@ class RecordedEvidence:
     start_ns: Annotated[int | None, "First sample. [ns since 1970]"] = None
     end_ns: Annotated[int | None, "Last sample. [ns since 1970]"] = None
     measured_temperature: bool = False
-    metered: Annotated[bool, "Whether a power meter at the grid was compared."] = False
-    robots: tuple[str, ...] = ()
     places: Annotated[bool, "Whether it is known where the robot rested."] = True
     fine: Annotated[bool, "Whether the errors of every figure are known, sample by sample."] = True
     notes: list[str] = field(default_factory=list[str])
@@ -117,7 +115,6 @@ class RecordedEvidence:
         ends = [one for one in (self.end_ns, other.end_ns) if one is not None]
         self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)
         self.measured_temperature |= other.measured_temperature
-        self.metered |= other.metered
         self.notes += [note for note in other.notes if note not in self.notes]
 
 
@@ -188,7 +185,6 @@ class EvidenceSums:
             motion_time=self._motion_time,
             warm_loss=self._warm_loss,
             demand=self._demand,
-            metered=metered,
         )
 
     def _add(self, block: PowerBlock, time: Float, position: Float) -> None:
@@ -355,8 +351,6 @@ def dataset_evidence(
         brake_energy=float(runs["brake_energy"].sum()),
         start_ns=int(runs["start_ns"].to_numpy().min()),
         end_ns=int(runs["end_ns"].to_numpy().max()),
-        metered=False,
-        robots=tuple(sorted(runs["robot"].unique().to_list())),
         places=False,
         fine=False,
         notes=[
