@@ -196,12 +196,8 @@ _SHAPE = (COLUMNS, COLUMNS)
 class BagFigures(Described):
     """Figures of B bags."""
 
-    multiplier: Annotated[
-        Float, "Measured over model friction, shape (B, n); NaN where unknown. [-]"
-    ]
-    mass: Annotated[
-        Float, "More than the model's payload, of gravity alone, shape (B,); NaN: unknown. [kg]"
-    ]
+    multiplier: Annotated[Float, "Measured over model friction, shape (B, n); NaN: unknown. [-]"]
+    mass: Annotated[Float, "Beyond the model's payload, by gravity, shape (B,); NaN: unknown. [kg]"]
 
 
 class BagJoints(Described):

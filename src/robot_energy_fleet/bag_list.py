@@ -55,9 +55,7 @@ class FleetBag(Described):
     model_digest: str = ""
     version: str = __version__
     named: Annotated[tuple[str, ...], "Addresses under which a table names it."] = ()
-    with_history: Annotated[bool, "Whether its registers at each minute are wanted as well."] = (
-        False
-    )
+    with_history: Annotated[bool, "Whether its registers at each minute are wanted, too."] = False
 
     @cached_property
     def settings(self) -> str:

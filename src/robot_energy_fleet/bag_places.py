@@ -54,9 +54,7 @@ class BagPlace(Described):
     state: str
     is_folder: Annotated[bool, "Whether it is a folder of rosbag2."]
     is_local: Annotated[bool, "Whether it can be read where it is."]
-    problem: Annotated[
-        Exception | None, "Why it cannot be used; None if nothing speaks against it."
-    ] = None
+    problem: Annotated[Exception | None, "Why it cannot be used; None: it can."] = None
 
     @property
     def size(self) -> int:

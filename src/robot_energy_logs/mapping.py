@@ -115,9 +115,7 @@ class CouplingEntry(MappingEntry):
 class LogRobot(MappingEntry):
     """The robot, where there is no model file of it."""
 
-    urdf: Annotated[
-        Text, "File with kinematics and bodies, in the folder of the data or of the mapping."
-    ]
+    urdf: Annotated[Text, "Kinematics and bodies, in the folder of data or mapping."]
     gear_ratio: Annotated[list[Number], "Motor turns per joint turn; the sign is the sense."]
     coupling: Annotated[tuple[CouplingEntry, ...], "Motors that turn along with other joints."] = ()
 

@@ -53,9 +53,7 @@ class Holding(Described):
 class Calibration(Described):
     """The plant in figures."""
 
-    mean_power: Annotated[
-        Float, "Mean power by random program and start temperature, shape (programs, K). [W]"
-    ]
+    mean_power: Annotated[Float, "By program and start temperature, shape (programs, K). [W]"]
     peak_power: Annotated[Float, "The same, greatest power. [W]"]
     start_degc: Annotated[Float, "The start temperatures, shape (K,). [degC]"]
     holding: Holding

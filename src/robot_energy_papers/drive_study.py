@@ -78,9 +78,7 @@ class WayResult(Described):
 
     power: Annotated[Float, "Predicted input of each drive, shape (N, n). [W]"] = field(repr=False)
     energy: Annotated[Float, "Energy of each drive, shape (n,). [J]"]
-    accuracy: Annotated[
-        float, "Accuracy of the energy of all drives, 1 - |E - E_measured| / E_measured. [-]"
-    ]
+    accuracy: Annotated[float, "Accuracy of the energy of all drives, 1 - |dE| / E_measured. [-]"]
     joint: Annotated[Float, "The same of each drive, shape (n,). [-]"]
     rms: Annotated[float, "Error of the power of a drive, over all drives. [W]"]
 
@@ -95,9 +93,7 @@ class DriveTest(Described):
     energy: Annotated[Float, "Measured, of each drive, shape (n,). [J]"]
     efficiency: Annotated[float, "Shaft over input, energies of all drives. [-]"]
     joint_efficiency: Annotated[Float, "The same of each drive, shape (n,). [-]"]
-    outside: Annotated[
-        float, "Share of the samples further from all points of a map than its reach. [-]"
-    ]
+    outside: Annotated[float, "Share of the samples beyond the reach of a map. [-]"]
     ways: dict[Way, WayResult]
 
 

@@ -64,9 +64,7 @@ class Identified(Described):
         dict[str, RobotModel],
         "By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.",
     ]
-    fixed_degc: Annotated[
-        dict[str, float], "Mean motor temperature of the set behind each fixed model. [degC]"
-    ]
+    fixed_degc: Annotated[dict[str, float], "Motor temperature behind each fixed model. [degC]"]
     sets: tuple[SetFriction, ...]
     notes: tuple[str, ...]
 
@@ -233,9 +231,7 @@ class SetRow(Described):
 
     bag: str
     way: str
-    robot_degc: Annotated[
-        float, "Mean over the motors of their mean temperature in the set. [degC]"
-    ]
+    robot_degc: Annotated[float, "Mean over the motors and the set. [degC]"]
     motor_degc: Annotated[tuple[float, float], "The coldest and the warmest motor. [degC]"]
     rise: Annotated[float, "Rise of temperature of the motor that warmed most in the set. [K]"]
     motor_minus_gear: Annotated[float, "Mean motor minus gear temperature, truth. [K]"]

@@ -171,15 +171,11 @@ class PaperAStudySize(Described):
     moves: int
     train: Annotated[Plan | None, "Experiment by motion for identification; None: soaked rigs."]
     test: Annotated[Plan | None, "Experiment by motion that tests; None: soaked rigs."]
-    train_degc: Annotated[
-        tuple[float, ...], "Temperatures of soaked rigs for identification. [degC]"
-    ]
+    train_degc: Annotated[tuple[float, ...], "Of soaked rigs for identification. [degC]"]
     test_degc: Annotated[tuple[float, ...], "Temperatures of soaked rigs that test. [degC]"]
     effects: Annotated[tuple[str, ...] | None, "Effects of the table; None for all."]
     plants: int
-    rigs: Annotated[
-        Rigs, "Temperatures and length of the experiments behind that table and on those plants."
-    ]
+    rigs: Annotated[Rigs, "Experiments behind that table and on those plants."]
     programs: int
 
 

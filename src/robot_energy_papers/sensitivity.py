@@ -78,9 +78,7 @@ class Spread(Result):
 
     draws: Annotated[int, "Number of draws, without those in which no motion is possible."]
     seed: Annotated[int, "Of the draws."]
-    quantiles: Annotated[
-        tuple[float, ...], "Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest."
-    ]
+    quantiles: Annotated[tuple[float, ...], "Least, 5 %, 25 %, median, 75 %, 95 %, greatest."]
     reaching: Annotated[
         float,
         "Share of the draws whose result is at least as far from the nominal one as that of the "

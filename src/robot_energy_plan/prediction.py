@@ -129,11 +129,9 @@ class Prediction:
     program: str
     model: RobotModel
     motor_temperature_degc: Annotated[Float, "Assumed and held, shape (n,). [degC]"]
-    extrapolated: Annotated[
-        tuple[str, ...], "Joints whose friction law does not reach that temperature."
-    ]
+    extrapolated: Annotated[tuple[str, ...], "Joints extrapolated to that temperature."]
     one_temperature: Annotated[
-        tuple[str, ...], "Joints whose friction law is the same at every temperature."
+        tuple[str, ...], "Joints with the same friction at every temperature."
     ]
     duration: Annotated[float, "Of all repetitions. [s]"]
     repeat: int

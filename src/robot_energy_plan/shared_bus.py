@@ -67,9 +67,7 @@ def drawn(power: Float) -> Float:
 class Levelling(Described):
     """Starts of the robots within the common cycle."""
 
-    start: Annotated[
-        Float, "After the beginning of the cycle; 0 for the first robot, shape (R,). [s]"
-    ]
+    start: Annotated[Float, "After the begin of the cycle; 0 for the first robot, shape (R,). [s]"]
     together: Annotated[float, "The figure with all starts at once. [W]"]
     least: Annotated[float, "With these starts. [W]"]
     any_start: Annotated[float, "Its mean over starts that fall anywhere. [W]"]

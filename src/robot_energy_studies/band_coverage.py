@@ -83,9 +83,7 @@ class BandRuns(Described):
     """What the rig does for the bands."""
 
     training: tuple[Recorded, ...] = TRAINING
-    warm_up: Annotated[Recorded | None, "For the gears; None: friction follows the motors."] = (
-        WARM_UP
-    )
+    warm_up: Annotated[Recorded | None, "For gears; None: friction follows motors."] = WARM_UP
     metered: Annotated[Recorded, "With a meter, which calibrates the bands."] = Recorded(
         "ten_minutes", 30.0, 600.0, 0.5
     )

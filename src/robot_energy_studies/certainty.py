@@ -62,18 +62,14 @@ SHORT = BandRuns(
 class CertaintyStudySize(Described):
     """How much is done."""
 
-    robots: Annotated[
-        tuple[str, ...], "Whose bodies the plants have; each repetition has the next."
-    ]
+    robots: Annotated[tuple[str, ...], "Whose bodies plants have; each repetition has the next."]
     repetitions: int
     hard: int
     bands: Annotated[BandRuns | None, "Runs behind the bands; None for the full ones."]
     band_plants: int
     thermal: int
     wear: Annotated[int, "Axes of one plant that wear by 15 %, each in a run of its own."]
-    learning_robots: Annotated[
-        tuple[str, ...], "Plants of the rig whose model is mistaken, watched by a learner."
-    ]
+    learning_robots: Annotated[tuple[str, ...], "Plants with a mistaken model and a learner."]
     learning_minutes: Annotated[int, "How long each works. [min]"]
 
 
@@ -98,9 +94,7 @@ class Certainty(Described):
 
     seed: int
     scale: CertaintyStudySize
-    intervals: Annotated[
-        list[list[Judged]], "Identified figures of each repetition, within the form of the model."
-    ]
+    intervals: Annotated[list[list[Judged]], "Of each repetition, within the form of the model."]
     hard: Annotated[list[list[Judged]], "The same with every effect of the rig."]
     bands: list[Covered]
     thermal: list[HiddenPlant]

@@ -57,9 +57,7 @@ class TestedRecording(Described):
     rms: Annotated[float, "Error of the power. [W]"]
     energy_error: Annotated[float, "Predicted over measured energy minus 1. [-]"]
     tool_path: Annotated[float | None, "Way of the tool; None without kinematics. [m]"]
-    body_work: Annotated[
-        float | None, "What lifted and accelerated bodies; None without a model. [J]"
-    ]
+    body_work: Annotated[float | None, "What lifted and moved bodies; None without a model. [J]"]
 
     @property
     def energy_per_metre(self) -> float | None:

@@ -83,13 +83,9 @@ QUICK = IndependentStudySize(2, (0.0, 0.5, 1.0), (0.3, 0.9), 12)
 class IndependentRow(PlantRow):
     """One plant of the second simulator."""
 
-    robot_degc: Annotated[
-        tuple[float, ...], "Mean motor temperature of each held-out set. [degC]"
-    ] = ()
+    robot_degc: Annotated[tuple[float, ...], "Mean of the motors in each held-out set. [degC]"] = ()
     mean_power: Annotated[tuple[float, ...], "Measured in each. [W]"] = ()
-    imbalance: Annotated[
-        float, "Greatest difference of the energies of the simulation, relative. [-]"
-    ] = 0.0
+    imbalance: Annotated[float, "Greatest imbalance of the simulation, relative. [-]"] = 0.0
 
 
 @dataclass(frozen=True)
@@ -128,9 +124,7 @@ class Experiment(Described):
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
-    imbalance: Annotated[
-        float, "Greatest difference of the energies of the simulation, relative. [-]"
-    ]
+    imbalance: Annotated[float, "Greatest imbalance of the simulation, relative. [-]"]
 
 
 def independent_row(plant_seed: int, scale: IndependentStudySize) -> IndependentRow:

@@ -56,9 +56,7 @@ class Claim(Described):
     name: str
     energy: Annotated[float, "Saved, positive where it is less. [J]"]
     columns: Annotated[Float, "Its change with the error of each figure, shape (K,). [J]"]
-    sure: Annotated[
-        str, "``measured``, ``predicted`` or ``assumed``: what the saving rests on at worst."
-    ]
+    sure: Annotated[str, "``measured``, ``predicted`` or ``assumed``: what it rests on."]
     found: str
     change: str
     command: Annotated[str, "Next command; empty where there is none."] = ""

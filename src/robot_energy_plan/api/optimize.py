@@ -38,9 +38,7 @@ class OptimizationResult(Described, Shown):
     program: Annotated[str, "Its name."]
     report: Annotated[OptimizationReport, "All figures."]
     optimum: Annotated[Optimum, "The costs behind them."] = field(repr=False)
-    form: Annotated[ProgramForm, "The program, which can be written in its own form."] = field(
-        repr=False
-    )
+    form: Annotated[ProgramForm, "The program, which can be written."] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy optimize``."""

@@ -37,9 +37,7 @@ class GcodeProgram(Described):
         dict[str, int], "Codes without meaning here and how often they stood in the program."
     ]
     flavor: FoundFlavor
-    accelerations: Annotated[
-        bool, "Whether the program states accelerations, which are not followed."
-    ]
+    accelerations: Annotated[bool, "Whether the program states accelerations; not followed."]
 
 
 def load_gcode(

@@ -64,14 +64,10 @@ class LoadedMotion(Described):
     name: str
     repeat: Annotated[int, "Number of runs that the program itself asks for."] = 1
     notes: tuple[str, ...] = ()
-    length: Annotated[float | None, "Way of the tool, where the program is one of a tool. [m]"] = (
-        None
-    )
+    length: Annotated[float | None, "Way of the tool, where the program has one. [m]"] = None
     printed_length: Annotated[float | None, "Way during which material flows. [m]"] = None
     stops: Annotated[int | None, "Rests of the tool in corners that could not be rounded."] = None
-    full_speed_share: Annotated[float | None, "Share of the way at the programmed speed. [-]"] = (
-        None
-    )
+    full_speed_share: Annotated[float | None, "Share of the way at full speed. [-]"] = None
 
 
 def load_motion(

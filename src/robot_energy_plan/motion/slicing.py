@@ -42,9 +42,7 @@ class Slicing(Described):
 
     layer_height: Annotated[float, "Of every layer. [m]"] = 0.01
     speed: Annotated[float, "Of the tool along the outlines. [m/s]"] = 0.125
-    bead_width: Annotated[
-        float, "The path runs half of it inside the surface; 0: on the surface. [m]"
-    ] = 0.0
+    bead_width: Annotated[float, "The path runs half of it inside; 0: on the surface. [m]"] = 0.0
     unit: Annotated[LengthUnit, "Of the coordinates in the file, which does not state it."] = "mm"
 
     def __post_init__(self) -> None:

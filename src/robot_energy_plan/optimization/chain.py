@@ -181,9 +181,7 @@ class Use(ArrayRecord):
     columns: Annotated[
         Float, "Change of the energy with the error of each figure, shape (P, K). [J]"
     ]
-    torque_use: Annotated[
-        Float, "Greatest share of a torque limit, shape (P,); 0 without limits. [-]"
-    ]
+    torque_use: Annotated[Float, "Greatest share of a torque limit, shape (P,); 0: no limits. [-]"]
     by_temperature: Annotated[Float, "Energy at each temperature, shape (P, T). [J]"]
 
 

@@ -39,9 +39,7 @@ class SharedBusRobot(Result):
     energy: Annotated[float, "Energy from the grid with a supply of its own. [J]"]
     brake_energy: Annotated[float, "Energy into its own brake resistor. [J]"]
     peak_power: Annotated[float, "Greatest power from the grid. [W]"]
-    start: Annotated[
-        Number, "Start after that of the cycle, with the best starts; None for recordings. [s]"
-    ]
+    start: Annotated[Number, "Start in the cycle, with the best starts; None for recordings. [s]"]
 
 
 class SharedBusReport(Result, name="shared_bus"):
@@ -186,10 +184,7 @@ class CommonSupply(Result):
 
     peak_power_together: Annotated[float, "Greatest power with all starts at once. [W]"]
     peak_power: Annotated[float, "Greatest power with the starts as chosen. [W]"]
-    mean_power: Annotated[
-        float,
-        "Mean power with these starts; with separate supplies it is the same for any starts. [W]",
-    ]
+    mean_power: Annotated[float, "Mean power; with separate supplies for any starts. [W]"]
 
 
 Robots = Sequence[tuple[str, PlannedMotion]]
