@@ -210,11 +210,7 @@ class BagJoints(Described):
     stamp_ns: Annotated[Int, "Its begin, shape (B,). [ns]"]
     figures: BagFigures
     degc: Annotated[Float, "Mean motor temperature, shape (B, n). [degC]"]
-    work: Annotated[
-        Float,
-        "What bags differ in: shares of w^2 at temperatures, mean and square speed, shape (B, n, "
-        "K). [-]",
-    ]
+    work: Annotated[Float, "Shares of w^2 at temperatures, mean and square speed, (B, n, K). [-]"]
 
 
 def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:

@@ -55,10 +55,9 @@ class BagRow(Described):
     jobs_left_out: Annotated[int, "Jobs of which the bag holds a part only, how many."]
     observed_time: Annotated[float, "Predicted. [s]"]
     peak_memory: Annotated[int, "Most memory that the process has held so far. [bytes]"]
-    history: Annotated[
-        BagReadings | None,
-        "Its registers at each minute and its jobs; None where nobody asked for them.",
-    ] = None
+    history: Annotated[BagReadings | None, "Registers of minutes, and jobs; None: not asked."] = (
+        None
+    )
 
 
 def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) -> BagRow:

@@ -57,10 +57,7 @@ class Calibration(Described):
     peak_power: Annotated[Float, "The same, greatest power. [W]"]
     start_degc: Annotated[Float, "The start temperatures, shape (K,). [degC]"]
     holding: Holding
-    flows: Annotated[
-        dict[float, dict[str, float]],
-        "Mean power of every flow during the first program, by temperature. [W]",
-    ]
+    flows: Annotated[dict[float, dict[str, float]], "Of every flow, by temperature. [W]"]
 
     def ratio(self, cold: float, hot: float) -> Float:
         """Return the energy at one temperature over that at another, shape (programs,). [-]

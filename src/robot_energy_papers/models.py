@@ -56,14 +56,8 @@ class Identified(Described):
 
     fits: tuple[FrictionFit, ...]
     cabinet: CabinetFit
-    total: Annotated[
-        TotalFit | None,
-        "Drive losses behind the grid meter; None where the data do not determine them.",
-    ]
-    models: Annotated[
-        dict[str, RobotModel],
-        "By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.",
-    ]
+    total: Annotated[TotalFit | None, "Drive losses behind the grid meter; None: not found."]
+    models: Annotated[dict[str, RobotModel], "By name, as ``follows``, ``fixed_20``, ``losses``."]
     fixed_degc: Annotated[dict[str, float], "Motor temperature behind each fixed model. [degC]"]
     sets: tuple[SetFriction, ...]
     notes: tuple[str, ...]
@@ -239,9 +233,7 @@ class SetRow(Described):
     compared_time: Annotated[float, "That time. [s]"]
     peak_power: Annotated[float, "Truth. [W]"]
     predicted_energy: Annotated[dict[str, float], "Energy over the same time, by model. [J]"]
-    extrapolated: Annotated[
-        float, "Share of the samples in which a friction law was used outside its fitted range. [-]"
-    ]
+    extrapolated: Annotated[float, "Share of the samples outside the range of a friction law. [-]"]
 
     @property
     def mean_power(self) -> float:

@@ -242,11 +242,7 @@ class PaperA(Described):
     effects: list[EffectRow]
     plants: list[PlantRow]
     calibration: Calibration
-    open: Annotated[
-        dict[str, SensitivityTable],
-        "What the HOLD power over poses and the rise of temperature owe to figures that are not "
-        "published, by quantity.",
-    ]
+    open: Annotated[dict[str, SensitivityTable], "What HOLD power and rise owe to open figures."]
 
     @property
     def quick(self) -> bool:

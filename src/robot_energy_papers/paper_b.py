@@ -159,8 +159,7 @@ class MachineResult(Described):
     rig: Annotated[Energies, "The same layer on the virtual rig."]
     heights: Annotated[tuple[Energies, ...], "One layer at each height of the scale, predicted."]
     joint_ranges: Annotated[
-        tuple[Float, ...],
-        "Least and greatest joint positions in each of these layers, shape (2, n). [rad] or [m]",
+        tuple[Float, ...], "Least and greatest of each layer, shape (2, n). [rad] or [m]"
     ]
     wall: Annotated[Energies, "The whole wall: all layers, or those at several heights."]
 
@@ -176,10 +175,7 @@ class PaperB(Described):
     seed: int
     scale: PaperBStudySize
     trained: Annotated[dict[str, Trained], "By the excitation behind it, keys of `TRAININGS`."]
-    weighted: Annotated[
-        dict[Definition, Accuracy],
-        "Accuracy on the validation run of the weighted fit, our default.",
-    ]
+    weighted: Annotated[dict[Definition, Accuracy], "Of the weighted fit on the validation run."]
     machines: dict[str, MachineResult]
     plants: Annotated[
         dict[str, dict[int, DriveTest]],

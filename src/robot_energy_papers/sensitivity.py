@@ -63,9 +63,7 @@ class SensitivityRow(Result):
         "range times nominal figure over nominal result; None where the nominal figure is 0. [-]",
     ]
     reproduces: Annotated[
-        Number,
-        "The value inside the range that gives the published result, all else nominal; None where "
-        "there is none.",
+        Number, "What gives the published result, all else nominal; None: nothing."
     ]
 
 
@@ -79,11 +77,7 @@ class Spread(Result):
     draws: Annotated[int, "Number of draws, without those in which no motion is possible."]
     seed: Annotated[int, "Of the draws."]
     quantiles: Annotated[tuple[float, ...], "Least, 5 %, 25 %, median, 75 %, 95 %, greatest."]
-    reaching: Annotated[
-        float,
-        "Share of the draws whose result is at least as far from the nominal one as that of the "
-        "paper, on its side. [-]",
-    ]
+    reaching: Annotated[float, "Share of the draws at least as far off as the paper. [-]"]
 
 
 class SensitivityTable(Result):

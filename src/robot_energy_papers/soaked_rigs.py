@@ -163,9 +163,7 @@ class PlantRow(Described):
 
     plant_seed: int
     error: Annotated[
-        dict[str, tuple[float, ...]],
-        "Error of the grid energy at each held-out temperature, by model; empty where "
-        "identification refused. [-]",
+        dict[str, tuple[float, ...]], "Of the grid energy at test temperatures, by model. [-]"
     ]
     refused: Annotated[str, "What identification found; empty where it went through."] = ""
 

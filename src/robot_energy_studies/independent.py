@@ -68,10 +68,7 @@ class IndependentStudySize(Described):
     """How much is done."""
 
     plants: int
-    train: Annotated[
-        tuple[float, ...],
-        "When sets for identification are recorded, as shares of the rise of the windings.",
-    ]
+    train: Annotated[tuple[float, ...], "When sets are recorded, shares of the rise of windings."]
     test: tuple[float, ...]
     moves: int
 

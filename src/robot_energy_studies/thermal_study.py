@@ -60,9 +60,7 @@ class HiddenPlant(Described):
     std: Annotated[float, "Mean standard deviation that the estimate states. [K]"]
     covered: Annotated[float, "Share of the samples with the truth in the 90 % band. [-]"]
     energy_change: Annotated[
-        float,
-        "Predicted energy without sensors over that with them, less 1, each of the true "
-        "energy. [-]",
+        float, "Energy without sensors less that with them, over the true one. [-]"
     ]
     fallback_change: Annotated[float, "The same with the fallback temperature instead. [-]"]
     refused: Annotated[tuple[str, ...], "Why joints have no network, one sentence each."] = ()

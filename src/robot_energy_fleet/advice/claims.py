@@ -60,15 +60,9 @@ class Claim(Described):
     found: str
     change: str
     command: Annotated[str, "Next command; empty where there is none."] = ""
-    joint_position: Annotated[
-        Float | None, "Where to wait, shape (n,); None for other changes. [rad] or [m]"
-    ] = None
-    places: Annotated[
-        Float | None, "Of the waits that count, shape (P, n); None for other changes. [rad] or [m]"
-    ] = None
-    motor_temperature_degc: Annotated[
-        Float | None, "Of the warm robot, shape (n,); None for other changes. [degC]"
-    ] = None
+    joint_position: Annotated[Float | None, "Where to wait, shape (n,). [rad] or [m]"] = None
+    places: Annotated[Float | None, "Of the waits that count, shape (P, n). [rad] or [m]"] = None
+    motor_temperature_degc: Annotated[Float | None, "Of the warm robot, shape (n,). [degC]"] = None
     state: Annotated[RestState | None, "In which to rest; None for other changes."] = None
 
     @property

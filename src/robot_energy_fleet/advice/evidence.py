@@ -267,11 +267,7 @@ class SampledBag(Described):
     """A bag of a dataset that is still where it was."""
 
     address: str
-    options: Annotated[
-        dict[str, Any],
-        "With which it is replayed: as for the dataset, but for those given now and without jobs, "
-        "which change no energy.",
-    ]
+    options: Annotated[dict[str, Any], "As of the dataset and as given now, without jobs."]
 
 
 def evenly(count: int) -> list[int]:

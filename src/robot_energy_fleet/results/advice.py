@@ -11,9 +11,7 @@ class AdviceBasis(Result):
     recordings: Annotated[int, "Number of recordings."]
     recorded_time: Annotated[float, "Predicted time of all robots together. [s]"]
     recorded_energy: Annotated[float, "Energy from the grid in that time. [J]"]
-    hours_per_day: Annotated[
-        Number, "Hours of such work a day, of all robots; None: not known. [h]"
-    ]
+    hours_per_day: Annotated[Number, "Hours of such work a day, all robots; None: not known. [h]"]
     days_per_year: Annotated[Number, "Days of such work a year; None: not given nor recorded. [1]"]
     duty: Annotated[Number, "Share of the time outside of rests, of 1 s or more in bags. [-]"]
     price_per_kwh: Annotated[Number, "Price of a kWh; None if none was given. [currency/kWh]"]

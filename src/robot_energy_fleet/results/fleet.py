@@ -112,27 +112,16 @@ class FrictionCurve(Result):
 
     joint: Annotated[str, "Its name."]
     degc: Annotated[tuple[float, ...], "Motor temperatures. [degC]"]
-    middle: Annotated[
-        tuple[Number, ...],
-        "Median of the robots at each temperature; None where fewer than three were seen. [-]",
-    ]
+    middle: Annotated[tuple[Number, ...], "Median of the robots; None: fewer than three. [-]"]
     low: Annotated[tuple[Number, ...], "A tenth of the robots lie below. [-]"]
     high: Annotated[tuple[Number, ...], "A tenth of the robots lie above. [-]"]
     robots: Annotated[Texts, "Names of those with a finding on this joint: their curves follow."]
-    by_degc: Annotated[
-        tuple[tuple[Number, ...], ...],
-        "Measured over model friction of each of these, at the same temperatures. [-]",
-    ]
+    by_degc: Annotated[tuple[tuple[Number, ...], ...], "Measured over model friction of each. [-]"]
     weeks_ns: Annotated[tuple[int, ...], "Middle of each week. [ns since 1970]"]
-    week_low: Annotated[
-        tuple[Number, ...], "Over time at equal temperature: a tenth of the robots lie below. [-]"
-    ]
+    week_low: Annotated[tuple[Number, ...], "Over time: a tenth of the robots lie below. [-]"]
     week_middle: Annotated[tuple[Number, ...], "Median of the robots. [-]"]
     week_high: Annotated[tuple[Number, ...], "A tenth lie above. [-]"]
-    by_week: Annotated[
-        tuple[tuple[Number, ...], ...],
-        "Measured over model friction of each of these in each week, at equal temperature. [-]",
-    ]
+    by_week: Annotated[tuple[tuple[Number, ...], ...], "The same of each week. [-]"]
 
 
 class FleetReport(Result, name="fleet_report"):

@@ -25,12 +25,9 @@ class Flavor(Described):
 
     title: str
     printer: Annotated[bool, "Whether it is a printer, with an extruder E."] = True
-    rapid_at_feed: Annotated[
-        bool, "Whether G0 moves at the last F, as G1; else at a rapid speed of its own."
-    ] = True
+    rapid_at_feed: Annotated[bool, "Whether G0 moves at the last F, as G1 does."] = True
     dwell: Annotated[
-        tuple[tuple[str, float], ...],
-        "Time of one unit of each word of G4; the first that stands there counts. [s]",
+        tuple[tuple[str, float], ...], "Time of a unit of G4's words; the first counts. [s]"
     ] = IN_BOTH
     extruder_follows: Annotated[bool, "Whether G90 and G91 count for E too."] = False
     inches: bool = True

@@ -45,8 +45,7 @@ class ToolOptions(Described):
     )
     start: Annotated[
         Float | None,
-        "Joint positions near the first one; None: the middle of the ranges, bent. Shape (n,). "
-        "[rad] or [m]",
+        "Joint positions near the first; None: mid-range, bent. Shape (n,). [rad] or [m]",
     ] = None
     limits: Annotated[ToolLimits, "Limits of the tool's motion."] = field(
         default_factory=ToolLimits

@@ -45,10 +45,7 @@ class PathPower(Described):
     rising: Annotated[Float, "Torque per a, shape (N, n). [N m s^2]"]
     viscous: Annotated[Float, "Torque per y, shape (N, n). [N m]"]
     gravity: Annotated[Float, "Torque that holds against gravity, shape (N, n). [N m]"]
-    friction: Annotated[
-        tuple[Float, Float],
-        "Energy per path time of Coulomb friction, and per y of viscous, shape (N,) each. [W]",
-    ]
+    friction: Annotated[tuple[Float, Float], "Coulomb friction, and viscous per y, shape (N,). [W]"]
     constant: Annotated[float, "Loss of all drives that flows all the time. [W]"]
     loss: Annotated[tuple[Float, Float], "Loss of drives per path time and per y, shape (N,). [W]"]
     copper: Annotated[Float, "Loss per squared torque, shape (n,). [W/(N m)^2]"]

@@ -59,10 +59,7 @@ class SharedBusReport(Result, name="shared_bus"):
     peak_power_apart: Annotated[float, "Greatest power of all supplies together. [W]"]
     peak_power: Annotated[float, "Greatest power of the supply of the bus. [W]"]
     capacitor_energy: Annotated[float, "Energy that the capacitors of the bus take at most. [J]"]
-    saved_any_start: Annotated[
-        Number, "Mean saving if starts fall anywhere in the cycle, without capacitors; None for "
-        "recordings. [J]"
-    ]  # fmt: skip
+    saved_any_start: Annotated[Number, "Mean saving for starts anywhere, without capacitors. [J]"]
     saved_best: Annotated[Number, "Saving with the best starts found; None for recordings. [J]"]
     half_best: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     peak_power_best: Annotated[Number, "Greatest power of the supply of the bus then. [W]"]
