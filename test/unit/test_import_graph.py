@@ -181,7 +181,7 @@ MODULES = {
         tool_motion
     """,
     "robot_energy_plan.optimization": """
-        chain comparison deviations forms gcode_form measures program_form rest_states search task
+        chain comparison deviations gcode_form measures program_form rest_states search task
         time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """

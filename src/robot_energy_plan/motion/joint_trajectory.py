@@ -339,6 +339,13 @@ def write_trajectory(
         bag.write(TOPIC, [0], [bytes(store.serialize_cdr(message, MESSAGE))])
 
 
+def holds_trajectory(path: Path, topic: str | None) -> bool:
+    """Return whether a bag holds a JointTrajectory, else recorded motion."""
+    topics = BagReader(path).topics
+    named = topics if topic is None else {topic} & topics.keys()
+    return any(topics[name].msgtype == MESSAGE for name in named)
+
+
 def read_bag_trajectory(path: str | Path, topic: str | None = None) -> JointTrajectory:
     """Return the motion of the JointTrajectory of a bag."""
     bag = BagReader(path)
