@@ -308,7 +308,10 @@ def bag_figures(gram: Float, rows: Int) -> BagFigures:
         rows: Samples behind them, shape (B, n).
     """
     enough = rows >= MIN_ROWS
-    fitted = _solved(gram, [MODEL, PAYLOAD, INERTIA, OFFSET])
+    columns = [MODEL, PAYLOAD, INERTIA, OFFSET]
+    unit, length = _scaled(gram[..., columns, :][..., columns])
+    right = gram[..., columns, MEASURED] / length
+    fitted = np.linalg.solve(unit, right[..., None])[..., 0] / length
     multiplier = np.where(enough & (fitted[..., 0] > 0.0), fitted[..., 0], np.nan)
     square, product, noise = _load(gram, np.maximum(rows, 1))
     weight = np.where(enough & (noise > 0.0), 1.0 / np.maximum(noise, 1e-12), 0.0)
@@ -324,13 +327,6 @@ def _scaled(gram: Float) -> tuple[Float, Float]:
     length = np.where(length > 0.0, length, 1.0)
     unit = gram / (length[..., :, None] * length[..., None, :])
     return unit + TINY * np.eye(gram.shape[-1]), length
-
-
-def _solved(gram: Float, columns: list[int]) -> Float:
-    """Coefficients of columns in a fit of the measured friction, shape (..., len(columns))."""
-    unit, length = _scaled(gram[..., columns, :][..., columns])
-    right = gram[..., columns, MEASURED] / length
-    return np.linalg.solve(unit, right[..., None])[..., 0] / length
 
 
 def _load(gram: Float, rows: Int) -> tuple[Float, Float, Float]:

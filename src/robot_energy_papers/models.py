@@ -160,7 +160,12 @@ def identify(
     }
     total, notes = None, list[str]()
     if beyond:
-        models[TABLE] = _with_tables(models[FOLLOWS], fits)
+        tables = {
+            joint.name: joint.friction.model_copy(update={"viscous": fit.laws["table"]})
+            for joint, fit in zip(models[FOLLOWS].joints, fits, strict=True)
+            if "table" in fit.laws
+        }
+        models[TABLE] = models[FOLLOWS].with_joints("friction", tables)
         total, notes = _with_losses(models, powered, supply)
     return Identified(fits, cabinet, total, models, chosen, sets, tuple(notes))
 
@@ -174,16 +179,6 @@ def _of_one(recording: Recording) -> SetFriction:
         np.array([fit.coulomb for fit in fits]),
         np.array([fit.points[0].viscous for fit in fits]),
     )
-
-
-def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
-    """The same friction with every axis as a table, where one was fitted."""
-    found = {
-        joint.name: joint.friction.model_copy(update={"viscous": fit.laws["table"]})
-        for joint, fit in zip(model.joints, fits, strict=True)
-        if "table" in fit.laws
-    }
-    return model.with_joints("friction", found)
 
 
 def _with_losses(

@@ -193,7 +193,15 @@ def advise(
     else:
         each = [_recorded(path, used, problems, options) for path in paths]
         names = [str(path) for path in paths]
-        rows, more = given_once(names, [_content(one) for one in each])
+        # equal for the same recording, wherever the bag lies
+        contents = [
+            (
+                *(one.start_ns, one.end_ns, one.observed_time, one.grid_energy),
+                one.motion_time.tobytes(),
+            )
+            for one in each
+        ]
+        rows, more = given_once(names, contents)
         paths, each = [paths[row] for row in rows], [each[row] for row in rows]
         names = [names[row] for row in rows]
         notes += [*more, *overlaps(names, [(one.start_ns, one.end_ns) for one in each])]
@@ -317,12 +325,6 @@ def _recorded(
     found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]
     problems += result.problems
     return found
-
-
-def _content(evidence: RecordedEvidence) -> tuple[object, ...]:
-    """Equal for the same recording, wherever the bag lies."""
-    span = evidence.start_ns, evidence.end_ns, evidence.observed_time
-    return *span, evidence.grid_energy, evidence.motion_time.tobytes()
 
 
 def _basis(

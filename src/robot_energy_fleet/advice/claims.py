@@ -84,8 +84,10 @@ def standby(
     chain = _chain(model, evidence)
     brakes = chain.rests(long[0].joint_position[None, :], holding=False)
     held = np.array([rest.energy / rest.duration for rest in long])
-    offset, metered = _offset(long)
+    compared = sum(rest.compared_time for rest in long)
+    metered = compared >= MIN_COMPARED
     if metered:
+        offset = sum(rest.measured - rest.predicted for rest in long) / compared
         lower = float(brakes.energy[0]) + offset
         common = np.zeros_like(brakes.columns[0])
         held += offset
@@ -324,14 +326,6 @@ def _chain(model: RobotModel, evidence: RecordedEvidence) -> PowerChain:
         mean = (evidence.motion_time * DEGC_MIDDLES).sum(axis=1) / np.maximum(time, 1e-9)
         degc = np.where(time > 0, mean, degc)
     return PowerChain(model, degc[None, :])
-
-
-def _offset(rests: Sequence[RecordedRest]) -> tuple[float, bool]:
-    """Measured less predicted power at rest [W], and whether it is known."""
-    time = sum(rest.compared_time for rest in rests)
-    if time < MIN_COMPARED:
-        return 0.0, False
-    return sum(rest.measured - rest.predicted for rest in rests) / time, True
 
 
 def _places(rests: Sequence[RecordedRest]) -> tuple[Int, Float]:
