@@ -99,7 +99,7 @@ MODULES = {
         merged_laws options report sisters tables
     """,
     "robot_energy_fleet.advice": """
-        advise claims dataset_evidence evidence
+        advise claims evidence
     """,
     "robot_energy_fleet.documents": """
         advice fleet
@@ -172,11 +172,11 @@ MODULES = {
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
         joint_trajectory load_motion planar planned ptp ptp_file sampled_motion slicing tool_corners
-        tool_motion tool_timing trajectory_io
+        tool_motion
     """,
     "robot_energy_plan.optimization": """
-        chain comparison deviations forms gcode_form levelling measures program_form rest_states
-        search task time_law timed_moves trajectory_form
+        chain comparison deviations gcode_form measures program_form rest_states search task
+        time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         optimization prediction shared_bus
