@@ -46,30 +46,24 @@ class EnergyExporter(Node):
             if not self.parameters.exporters:
                 raise ParameterError("exporters is empty", EXPORTERS.expected)
             for name in self.parameters.exporters:
-                self._add(name)
+                given = getattr(self.parameters, name)
+                made = EXPORTERS[name].make(given, self.parameters.robot_name)
+                made.start()
+                self.exporters[name] = made
+                self.get_logger().info(f"exporting over {EXPORTERS[name].label}")
         except Exception:
             self.destroy_node()
             raise
         self.newest = Newest(self.parameters.stale_after)
-        self.create_subscription(
-            PowerState, POWER_TOPIC, partial(self._take, Topic.POWER), best_effort(10)
-        )
-        self.create_subscription(
-            EnergyRegisters,
-            REGISTERS_TOPIC,
-            partial(self._take, Topic.REGISTERS),
-            best_effort(10),
-        )
+        for kind, topic, what in (
+            (PowerState, POWER_TOPIC, Topic.POWER),
+            (EnergyRegisters, REGISTERS_TOPIC, Topic.REGISTERS),
+        ):
+            self.create_subscription(kind, topic, partial(self._take, what), best_effort(10))
         self._reporter = Reporter(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TICK_PERIOD, self.tick, clock=steady)
         self.create_timer(REPORT_PERIOD, self.report, clock=steady)
-
-    def _add(self, name: str) -> None:
-        made = EXPORTERS[name].make(getattr(self.parameters, name), self.parameters.robot_name)
-        made.start()
-        self.exporters[name] = made
-        self.get_logger().info(f"exporting over {EXPORTERS[name].label}")
 
     def _take(self, topic: Topic, message: Any) -> None:
         if message.header.frame_id != RECORDING:
