@@ -52,6 +52,7 @@ class LoadIngest:
             MeterIngest(source, typestore) if source is not None else None
             for source in (topics.meter, topics.state)
         )
+        self.readers = [reader for reader in (self.meter, self.state) if reader is not None]
 
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
         """Return what comes of the messages of a part of a bag."""
@@ -65,9 +66,8 @@ class LoadIngest:
 
     def restart(self) -> None:
         """Drop what waits, as after an error."""
-        for reader in (self.meter, self.state):
-            if reader is not None:
-                reader.restart()
+        for reader in self.readers:
+            reader.restart()
 
     def _each(self, take: Callable[[MeterIngest], MeterBlock | None]) -> LoadReadings:
         meter, state = (None if r is None else take(r) for r in (self.meter, self.state))
@@ -125,8 +125,7 @@ def read_steps(
     auxiliary = [
         topic
         for load in inputs.auxiliary.values()
-        for reader in (load.meter, load.state)
-        if reader is not None
+        for reader in load.readers
         for topic in reader.source.topics
     ]
     wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *auxiliary)
@@ -191,19 +190,13 @@ def _joined(parts: Iterator[dict[str, RawBatch]]) -> Iterator[dict[str, RawBatch
             for t, batch in part.items()
         )
         if held and (messages + count > MESSAGES or falls):
-            yield _taken(held)
-            messages = 0
+            whole, held, messages = RawBatch.joined(held), [], 0
+            yield whole
+            del whole  # while the next ones come
         held.append(part)
         messages += count
     if held:
-        yield _taken(held)
-
-
-def _taken(held: list[dict[str, RawBatch]]) -> dict[str, RawBatch]:
-    """Join what is held, and hold nothing."""
-    whole = RawBatch.joined(held)
-    held.clear()
-    return whole
+        yield RawBatch.joined(held)
 
 
 def _cut(
