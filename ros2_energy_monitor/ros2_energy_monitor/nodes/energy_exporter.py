@@ -46,11 +46,11 @@ class EnergyExporter(Node):
             if not self.parameters.exporters:
                 raise ParameterError("exporters is empty", EXPORTERS.expected)
             for name in self.parameters.exporters:
-                given = getattr(self.parameters, name)
-                made = EXPORTERS[name].make(given, self.parameters.robot_name)
+                kind = EXPORTERS[name]
+                made = kind.make(getattr(self.parameters, name), self.parameters.robot_name)
                 made.start()
                 self.exporters[name] = made
-                self.get_logger().info(f"exporting over {EXPORTERS[name].label}")
+                self.get_logger().info(f"exporting over {kind.label}")
         except Exception:
             self.destroy_node()
             raise
