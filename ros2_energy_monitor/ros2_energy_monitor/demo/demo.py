@@ -46,7 +46,6 @@ BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed
 
 
 def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
-    """Return bags of the repository."""
     paths = [bags / name for name in names]
     for path in paths:
         if not path.exists():

@@ -150,7 +150,6 @@ class ModelCheck:
         }
 
     def close(self) -> None:
-        """Give up what runs."""
         self._closed = True
         self._kept.clear()
         if self._process is not None and self._process.poll() is None:

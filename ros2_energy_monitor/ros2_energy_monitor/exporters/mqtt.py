@@ -186,7 +186,6 @@ class MqttExporter(Exporter):
         self._client.loop_stop()
 
     def check(self, found: StatusBuilder) -> None:
-        """Add connection and counts."""
         connected = self._connected.is_set()
         found.values |= {
             "connected": int(connected),

@@ -121,7 +121,6 @@ class BoundedTransport:
         return answer
 
     def close(self) -> None:
-        """Disconnect."""
         if self._kept is not None:
             self._kept.end()
             self._kept = None
@@ -192,13 +191,11 @@ class HttpLink(MeterLink):
         self._session = session
 
     def close(self) -> None:
-        """Disconnect."""
         if self._session is not None:
             self._session.close()
             self._session = None
 
     def read(self) -> Sequence[Exchange]:
-        """Ask once for energy and power."""
         requested = time.monotonic()
         self._bound.begin()
         text = self._text()

@@ -105,7 +105,6 @@ class ModbusProfile(MeterProfile[ModbusNumber]):
 
 
 def length(kind: NumberType) -> int:
-    """Return how many registers a type takes."""
     return int(kind[-2:]) // 16
 
 
@@ -129,7 +128,6 @@ class RegisterLink(MeterLink):
         return f"the Modbus meter at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect."""
         self.close()
         client = self._client_module.ModbusTcpClient(
             self._endpoint.host,
@@ -154,13 +152,11 @@ class RegisterLink(MeterLink):
         self._client = client
 
     def close(self) -> None:
-        """Disconnect."""
         if self._client is not None:
             self._client.close()
             self._client = None
 
     def registers(self, address: int, count: int) -> list[int]:
-        """Return registers."""
         if self._client is None:
             raise MeterLinkError(f"{self.where} is not connected", "connect first")
         if address + count > REGISTERS:

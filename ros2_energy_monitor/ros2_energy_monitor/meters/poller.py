@@ -82,7 +82,6 @@ class Poller:
         self._thread = threading.Thread(target=self._run, name="meter", daemon=True)
 
     def start(self) -> None:
-        """Begin to poll."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -92,7 +91,6 @@ class Poller:
             self._thread.join(JOINED)
 
     def take(self) -> list[NetworkReading]:
-        """Return the readings that have come, in order."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def _run(self) -> None:
@@ -115,7 +113,6 @@ class Poller:
         return due
 
     def _step(self) -> None:
-        """Connect if needed and read once."""
         state = self.state
         try:
             if not state.connected:

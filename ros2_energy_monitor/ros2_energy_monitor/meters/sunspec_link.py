@@ -90,7 +90,6 @@ class SunSpecLink(RegisterLink):
         super().connect()
 
     def read(self) -> Sequence[Exchange]:
-        """Read energy and power of the meter in one request."""
         self.bound.begin()
         if self._found is None:
             self._found = self._meter(self._base())

@@ -70,13 +70,11 @@ class EnergyExporter(Node):
             self.newest.take(topic, message, time.monotonic())
 
     def tick(self) -> None:
-        """Hand out what is new."""
         now = time.monotonic()
         for name, exporter in self.exporters.items():
             self.guard.run(name, partial(exporter.publish, self.newest, now))
 
     def report(self) -> None:
-        """Publish diagnostics."""
         node = StatusBuilder("node")
         self.guard.check(node)
         now = time.monotonic()
@@ -89,7 +87,6 @@ class EnergyExporter(Node):
         self._reporter.publish(statuses, "")
 
     def destroy_node(self) -> None:
-        """Stop the exporters and destroy the node."""
         for exporter in self.exporters.values():
             self.guard.run("stop", exporter.stop)
         super().destroy_node()

@@ -59,7 +59,6 @@ class RegisterServices:
         self._model, self._take = model, take
 
     def open(self) -> None:
-        """Create the services."""
         self._node.create_service(ListIntervals, "~/list_intervals", self._list)
         for kind, name, change in (
             (ResetRegisters, "reset_registers", self._reset),
@@ -157,7 +156,6 @@ class PayloadService:
         self._publisher: RowPublisher | None = None
 
     def open(self) -> None:
-        """Create the service and the publisher."""
         self._publisher = RowPublisher(self._node, Payload, "energy/payload", latched(DEPTH))
         self._node.create_service(SetPayload, "~/set_payload", self._answer)
 

@@ -97,7 +97,6 @@ class RobotFeed:
     def act(
         self, action: str, text: str, answer: Future[tuple[bool, str]], services: Sequence[str]
     ) -> None:
-        """Call a service of the registers."""
         client = self._client(action, services)
         if client is None:
             answer.set_result((False, f"no monitor of this robot offers {action}"))

@@ -66,7 +66,6 @@ def load(
     what: str = "configuration file",
     remedy: str = "",
 ) -> M:
-    """Return the checked values of one file."""
     text = read_text(path, error, what, remedy=remedy)
     return validated(parse_yaml(text, str(path), error), model, str(path), error)
 

@@ -65,7 +65,6 @@ class LoadIngest:
         return self._each(lambda reader: reader.flush())
 
     def restart(self) -> None:
-        """Drop what waits, as after an error."""
         for reader in self.readers:
             reader.restart()
 

@@ -73,7 +73,6 @@ class ConditionReport(Result):
 
 
 def condition_report(learner: ConditionLearner, model: RobotModel) -> ConditionReport:
-    """Return what was learned by now."""
     friction, factor = learner.friction, learner.meter.filtered
     time = friction.sums[2].sum(axis=(0, 2, 3)).tolist()
     columns = (friction.filtered.tolist(), friction.raw.tolist(), friction.valid.tolist(), time)
@@ -199,7 +198,6 @@ class ReplayReport(EnergyReport, name="replay"):
 def replay_report(
     result: Replay, change: str | None = None, compared_with: ReplayReport | None = None
 ) -> ReplayReport:
-    """Return all figures of a replay."""
     account, topics = result.account, result.topics
     learner = result.pipeline.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()

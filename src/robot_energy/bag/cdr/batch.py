@@ -77,7 +77,6 @@ class RawBatch:
         }
 
     def __len__(self) -> int:
-        """Return the number of messages."""
         return len(self.offset)
 
     def __getitem__(self, rows: slice | NDArray[np.int64]) -> RawBatch:
@@ -108,7 +107,6 @@ class RawBatch:
             start = stop
 
     def row(self, i: int) -> bytes:
-        """Return message ``i`` as bytes."""
         start, length = int(self.offset[i]), int(self.length[i])
         if not 0 <= start <= start + length <= len(self.buffer):
             raise ShapeError(

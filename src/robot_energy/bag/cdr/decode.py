@@ -177,7 +177,6 @@ class _Layout:
         return Run(index, columns) if agree else None
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
-        """Return the columns of rows that agree."""
         columns: dict[str, Column] = {}
         for path, column in self.columns.items():
             constant = isinstance(column, str | tuple)
