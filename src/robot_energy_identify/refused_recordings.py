@@ -32,7 +32,7 @@ from robot_energy_identify.check.evidence import (
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter, lag_of
-from robot_energy_identify.check.motion import check_motion
+from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread, undone
 from robot_energy_identify.dynamics.dynamics import Dynamics
@@ -191,9 +191,10 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
         ],
         "positions in rad or m, and their change as velocity",
     )
-    if (result := recording.replay) is None:
-        return ()
-    problems = [*(one.sentence for one in result.joint_states.findings()), result.meter.refused]
+    problems = [_sentence(one) for one in found if one.cause == STAMPS_UNEVEN]
+    if (result := recording.replay) is not None:
+        problems += [one.sentence for one in result.joint_states.findings()]
+        problems.append(result.meter.refused)
     return tuple(f"{recording.path.name}: {one}" for one in problems if one)
 
 

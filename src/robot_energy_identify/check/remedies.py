@@ -11,7 +11,7 @@ import yaml
 
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
-from robot_energy.inputs.parameters import POSITIONS
+from robot_energy.inputs.parameters import POSITIONS, RECEIVE
 from robot_energy.model.payload import Payload
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import MODEL, PARAMETERS
@@ -67,6 +67,11 @@ def _joint_states(evidence: Evidence, other: JointCorrection, *quantities: str) 
 def no_velocity() -> Remedy:
     """Return the line that takes velocities from the positions."""
     return f"joint_states: {{velocity_source: {POSITIONS}}}", PARAMETERS
+
+
+def receive() -> Remedy:
+    """Return the line that takes times of receipt as stamps."""
+    return f"joint_states: {{stamp_source: {RECEIVE}}}", PARAMETERS
 
 
 def effort_meaning(meaning: str) -> Remedy:
