@@ -112,7 +112,7 @@ def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
             found.append(
                 Finding(
                     "torque_scale", ERROR, part.names, f"{part.name}: its torque is 0 throughout",
-                    0.0, float("nan"), "leave this recording out, or record torque",
+                    0.0, "leave this recording out, or record torque",
                 )
             )  # fmt: skip
             continue

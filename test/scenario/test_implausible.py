@@ -149,7 +149,7 @@ def test_bodies_that_are_a_guess_leave_a_note(bag: Path, tmp_path: Path) -> None
     assert "of a gear ratio 2 times the model's" in str(json.loads(out.read_text())["notes"])
 
 
-GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0, float("nan"))
+GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0)
 
 
 @pytest.mark.parametrize(

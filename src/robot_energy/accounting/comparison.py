@@ -203,37 +203,29 @@ class Comparison(ExactSum):
             power: Predicted power at the meter's place, shape (N,). [W]
         """
         before = int(stamp_ns[0]) if self._last is None else self._last[0]
-        calm = self._measured_epoch == self._predicted_epoch and int(stamp_ns[0]) >= before
-        if calm and bool((stamp_ns[1:] >= stamp_ns[:-1]).all()):
-            return self._predict(stamp_ns, segment, power)
-        # Epochs are matched at whole seconds, so that the cutting of the input does not matter.
-        second = stamp_ns // SECOND_NS
-        starts = np.flatnonzero(differences(second, before // SECOND_NS)).tolist()
+        steps = differences(stamp_ns, before)
+        jumps, seconds = np.flatnonzero(steps < 0).tolist(), list[int]()
+        if jumps or self._measured_epoch != self._predicted_epoch:
+            # Epochs are matched at whole seconds, so that the cutting of the input does not matter.
+            second = differences(stamp_ns // SECOND_NS, before // SECOND_NS)
+            seconds = np.flatnonzero(second).tolist()
         done: list[Compared] = []
-        for start, stop in pairwise(sorted({0, *starts, len(stamp_ns)})):
-            if start in starts:
-                self._match(int(second[start]) * SECOND_NS)
-            rows = slice(start, stop)
-            done.append(self._predict(stamp_ns[rows], segment[rows], power[rows]))
-        return Compared.concatenate(done)
-
-    def _predict(self, stamp_ns: Int, segment: Int, power: Float) -> Compared:
-        done: list[Compared] = []
-        previous = stamp_ns[0] if self._last is None else self._last[0]
-        jumps = np.flatnonzero(differences(stamp_ns, int(previous)) < 0).tolist()
-        for start, stop in zip([0, *jumps], [*jumps, len(stamp_ns)], strict=True):
-            if stop > start:
-                rows = slice(start, stop)
-                self._extend(stamp_ns[rows], segment[rows], power[rows])
-            if stop < len(stamp_ns):
-                done.append(self._advance())
+        for start, stop in pairwise(sorted({0, *seconds, *jumps, len(stamp_ns)})):
+            now_ns, found = int(stamp_ns[start]), list[Compared]()
+            if start in seconds:
+                self._match(now_ns // SECOND_NS * SECOND_NS)
+            if start in jumps:
+                found.append(self._advance())
                 self.lag.jump()
                 self._last = None
                 self._epochs.pop(self._predicted_epoch, None)
                 self._predicted_epoch += 1
-                self._led = int(stamp_ns[stop]), self.curve.rejections.accepted
-        done.append(self._advance())
-        self._note_idle(int(stamp_ns[0]), int(stamp_ns[-1]), any(map(len, done)))
+                self._led = now_ns, self.curve.rejections.accepted
+            rows = slice(start, stop)
+            self._extend(stamp_ns[rows], segment[rows], power[rows])
+            found.append(self._advance())
+            self._note_idle(now_ns, int(stamp_ns[stop - 1]), any(map(len, found)))
+            done += found
         return Compared.concatenate(done)
 
     def _match(self, now_ns: int) -> None:

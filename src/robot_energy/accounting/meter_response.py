@@ -122,11 +122,11 @@ class ShownPower:
         low = np.concatenate([last.power, power[:-1]])
         slow = np.concatenate([last.constant, constant[:-1]])
         known = ~begins
-        kept, moved = _decay(step_ns * NANOSECOND, slow)
-        kept, moved = np.where(known, kept, 0.0), np.where(known, (power - low) * moved, 0.0)
         first = float(last.behind[0])
         behind = np.zeros(len(stamp))
-        if first != 0.0 or moved.any():
+        if first != 0.0 or slow.any():
+            kept, moved = _decay(step_ns * NANOSECOND, slow)
+            kept, moved = np.where(known, kept, 0.0), np.where(known, (power - low) * moved, 0.0)
             steps = zip(kept.tolist(), moved.tolist(), strict=True)
             found = accumulate(steps, lambda b, step: b * step[0] - step[1], initial=first)
             behind = np.fromiter(found, dtype=np.float64, count=len(stamp) + 1)[1:]

@@ -33,12 +33,9 @@ class Finding(Described):
     ]
     subject: Annotated[tuple[str, ...], "Joint names, ``meter``, ``temperature`` or ``payload``."]
     sentence: Annotated[str, "What was found, with the evidence in numbers."]
-    evidence: Annotated[float, "The number behind it, in the unit that the sentence states."]
-    certainty: Annotated[
-        float,
-        "How sure, 0 to 1: the share of the variance that this cause explains. NaN where the "
-        "evidence is a count, or the size of the cause.",
-    ]
+    evidence: Annotated[
+        float, "The number behind it, in the unit that the sentence states; NaN where it has none."
+    ] = float("nan")
     remedy: Annotated[str, "The line of YAML that mends it, or the action; may be empty."] = ""
     remedy_in: Annotated[
         str, "The file that the line of YAML belongs to; empty where ``remedy`` is an action."
@@ -68,10 +65,6 @@ class CheckResult(Described):
 
 
 def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Finding:
-    """Return a note that a recording cannot show a mistake.
-
-    Args:
-        subject: Joint names; empty for all.
-    """
+    """Return a note that a recording cannot show a mistake; of all joints without a subject."""
     sentence = f"cannot be judged from this recording: {what} ({why})"
-    return Finding(UNJUDGED + cause, NOTE, subject, sentence, float(len(subject)), float("nan"))
+    return Finding(UNJUDGED + cause, NOTE, subject, sentence)

@@ -14,9 +14,8 @@ from robot_energy.replay.bag_replay import LONGER_WINDOW
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence, velocity_noise
-from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
+from robot_energy_identify.check.finding import ERROR, MODEL, WARNING, Finding, unjudged
 
-UNKNOWN = (float("nan"), float("nan"))  # evidence and certainty
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
@@ -62,7 +61,7 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
     if not any(finding.severity == ERROR for finding in findings):
         # joints that would need more torque than the robot has
         findings += [
-            Finding("torque_limit", WARNING, (name,), sentence, *UNKNOWN, LONGER_WINDOW)
+            Finding("torque_limit", WARNING, (name,), sentence, remedy=LONGER_WINDOW)
             for name, sentence in evidence.beyond_torque.items()
         ]
     return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
@@ -84,8 +83,7 @@ def _held(evidence: Evidence) -> Iterator[Finding]:
         "velocity_held", WARNING, (),
         f"velocities stay the same for {1e3 * time:.0f} ms and then step, while positions move "
         "on: their slope, and so the acceleration, is a staircase",
-        time, float("nan"),
-        *remedies.no_velocity(),
+        time, *remedies.NO_VELOCITY,
     )  # fmt: skip
 
 
@@ -126,8 +124,7 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
         yield Finding(
             "velocity_zero", ERROR, (name,),
             f"{ALWAYS_ZERO.format(name)} by {travel:.3g} {evidence.robot.limits.unit(joint)}",
-            travel, float("nan"),
-            *remedies.no_velocity(),
+            travel, *remedies.NO_VELOCITY,
         )  # fmt: skip
     if len(change) < MIN_SAMPLES or not change.std() > 1e-3 or not velocity.std() > 1e-4:
         return
@@ -139,15 +136,14 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
             "velocity_sign", ERROR, (name,),
             f"the velocity of {name} has the opposite sign of the change of its position "
             f"(correlation {correlation:.2f})",
-            correlation, correlation**2,
+            correlation,
         )  # fmt: skip
     elif correlation < MIN_FIT and not evidence.remarks.repeating:
         yield Finding(
             "velocity_unrelated", WARNING, (name,),
             f"the velocity of {name} does not follow its position "
             f"(correlation {correlation:.2f})",
-            correlation, 1.0 - correlation**2,
-            *remedies.no_velocity(),
+            correlation, *remedies.NO_VELOCITY,
         )  # fmt: skip
     elif abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
         if abs(way - 1.0) <= MAX_SCALE_ERROR:
@@ -155,15 +151,14 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
                 STAMPS_UNEVEN, WARNING, (name,),
                 f"the position of {name} changes unevenly from stamp to stamp, its velocity does "
                 "not: stamps are rounded or late",
-                slope, correlation**2,
-                *remedies.receive(),
+                slope, *remedies.RECEIPT,
             )  # fmt: skip
             return
         yield Finding(
             "velocity_scale", ERROR, (name,),
             f"the velocity of {name} is {slope:.3g} times the change of its position"
             + (": one of them is in degrees" if _in_degrees(slope) != slope else ""),
-            slope, correlation**2,
+            slope,
         )  # fmt: skip
 
 
@@ -249,8 +244,7 @@ def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> Iterator[
     yield Finding(
         unit.name, ERROR, (evidence.names[joint],),
         f"{_beyond_limits(evidence, joint, beyond)}, and inside them as {unit.name}",
-        beyond, beyond,
-        *remedies.corrected(evidence, quantities, joints, scale=scales),
+        beyond, *remedies.corrected(evidence, quantities, joints, scale=scales),
     )  # fmt: skip
 
 
@@ -258,7 +252,7 @@ def _limits(evidence: Evidence, joint: int) -> Iterator[Finding]:
     if beyond := _outside(evidence, joint):
         yield Finding(
             "position_limit", WARNING, (evidence.names[joint],),
-            _beyond_limits(evidence, joint, beyond), beyond, beyond,
+            _beyond_limits(evidence, joint, beyond), beyond,
             "check the zero and the sign of the joint, or the limits of the URDF",
         )  # fmt: skip
 
@@ -276,10 +270,11 @@ def _rest(evidence: Evidence) -> Iterator[Finding]:
     if not noisy:
         return
     names, worst = tuple(noisy), max(noisy.values())
+    rest = float(f"{4.0 * worst:.1g}")
+    entries = ", ".join(f"{{name: {name}, standstill_velocity: {rest:g}}}" for name in names)
     yield Finding(
         "standstill_velocity", WARNING, names,
         f"at rest the velocity of {', '.join(names)} still varies by up to "
         f"{1e3 * worst:.2g} mrad/s, near or above standstill_velocity: rest is rarely detected",
-        worst, float("nan"),
-        *remedies.standstill(names, float(f"{4.0 * worst:.1g}")),
+        worst, f"joints: [{entries}]", MODEL,
     )  # fmt: skip

@@ -2,21 +2,26 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.model import RobotModel
 from robot_energy.results.base import ModelUsed, Number, Result, Texts, tagged_entries
-from robot_energy.results.replay import JointShaft, ReplayReport
+from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.stats.torque_errors import LowPassTorqueError, TorqueErrorSums
+from robot_energy_identify.stats.torque_errors import TorqueErrorSums
 
 Seen = Literal["held_out", "fitted", "unknown"]
 MODEL, FIXED, ZERO = "model", "fixed_friction", "zero"
+SHAFT = [
+    f"shaft_energy_{side}_{kind}"
+    for kind in ("measured", "compared")
+    for side in ("positive", "negative")
+]
 
 
 class JointScore(Result):
@@ -113,116 +118,74 @@ class ScoreSums:
 
     Attributes:
         power: Errors of the power at the meter.
-        low_pass: Errors of the torque below 10 Hz.
         shaft: Measured out, measured back, predicted out, predicted back, shape (4, n). [J]
-        measured: Energy at the meter; NaN without one. [J]
-        predicted: The same, predicted. [J]
+        energy: Measured at the meter, NaN without one, and predicted, shape (2,). [J]
     """
 
     names: Sequence[str]
     torque: TorqueErrorSums
     power: PowerErrorSums
-    low_pass: LowPassTorqueError
-    change: str | None = None
-    shaft: Float = field(default_factory=lambda: np.full((4, 0), np.nan))
-    measured: float = float("nan")
-    predicted: float = float("nan")
+    change: str | None
+    shaft: Float
+    energy: Float
 
     @classmethod
     def of(
-        cls,
-        report: ReplayReport,
-        torque: TorqueErrorSums,
-        power: PowerErrorSums,
-        low_pass: LowPassTorqueError,
+        cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums
     ) -> "ScoreSums":
         """Return the sums of a replay."""
         joints = report.shaft.joints if report.shaft is not None else ()
-        rows = [_parts(joint) for joint in joints] or [[np.nan] * 4] * len(report.joints)
+        parts = [[getattr(joint, name) for name in SHAFT] for joint in joints]
         meter = report.comparison
         return cls(
             [joint.name for joint in report.joints],
             torque,
             power,
-            low_pass,
             report.model.change,
-            np.array(rows).T,
-            _number(meter.measured_energy),
-            _number(meter.predicted_energy_at_meter),
+            np.array(parts or [[np.nan] * 4] * len(report.joints), dtype=np.float64).T,
+            np.array([meter.measured_energy, meter.predicted_energy_at_meter], dtype=np.float64),
         )
 
     def plus(self, other: "ScoreSums") -> "ScoreSums":
         """Return the sums of both; what only one of them has counts alone."""
         self.torque.add(other.torque)
         self.power.add(other.power)
-        self.low_pass.add(other.low_pass)
-        measured, predicted = (
-            float(_sum(np.array([getattr(self, name), getattr(other, name)])))
-            for name in ("measured", "predicted")
-        )
-        shaft = _sum(np.stack([self.shaft, other.shaft]))
-        return replace(self, shaft=shaft, measured=measured, predicted=predicted)
-
-    def score(self, name: str) -> ModelScore:
-        """Return the errors."""
-        torque, low = self.torque, self.low_pass
-        below = np.append(low.relative, low.relative_of_all)
-        return self._score(
-            name, self.change, torque.rms, torque.relative, torque.relative_of_all, below
-        )
+        shaft, energy = _sum([self.shaft, other.shaft]), _sum([self.energy, other.energy])
+        return replace(self, shaft=shaft, energy=energy)
 
     def zero(self) -> ModelScore:
         """Return the errors of a prediction of no torque and no power."""
-        torque = self.torque
-        known = torque.measured_rms > 0
-        empty = replace(
+        found = replace(
             self,
-            shaft=np.where([[True], [True], [False], [False]], self.shaft, 0.0 * self.shaft),
-            predicted=0.0 * self.measured,
-        )
-        one = np.where(known, 1.0, np.nan)
-        of_all = np.where(known.any(axis=1), 1.0, np.nan)
-        below = np.append(self.low_pass.relative, self.low_pass.relative_of_all)
-        below = np.where(np.isfinite(below), 1.0, np.nan)
-        found = empty._score(ZERO, "no torque, no power", torque.measured_rms, one, of_all, below)
+            torque=self.torque.of_nothing,
+            change="no torque, no power",
+            shaft=self.shaft * [[1.0], [1.0], [0.0], [0.0]],
+            energy=self.energy[0] * np.array([1.0, 0.0]),
+        ).score(ZERO)
         return replace(found, power_error_rms=self.power.measured_rms)
 
-    def _score(
-        self,
-        name: str,
-        change: str | None,
-        rms: Float,
-        relative: Float,
-        of_all: Float,
-        low_pass: Float,
-    ) -> ModelScore:
-        samples = self.torque.samples
+    def score(self, name: str) -> ModelScore:
+        """Return the errors."""
+        torque, samples = self.torque, self.torque.samples
         out, back, predicted_out, predicted_back = self.shaft
         error, turnover = predicted_out - predicted_back - (out - back), out + back
-        rows = [
-            JointScore(
-                joint, int(samples[0, j]), int(samples[1, j]), float(rms[0, j]), float(rms[1, j]),
-                float(relative[0, j]), float(relative[1, j]),
-                float(low_pass[j]), float(error[j]),
-                _ratio(float(error[j]), float(turnover[j])),
-            )
-            for j, joint in enumerate(self.names)
-        ]  # fmt: skip
-        total, counted = float(_sum(error)), samples.sum(axis=1)
-        whole = JointScore(
-            "all joints", int(counted[0]), int(counted[1]), None, None, float(of_all[0]),
-            float(of_all[1]), float(low_pass[-1]), total, _ratio(total, float(_sum(turnover))),
+        columns = zip(
+            self.names, *samples.tolist(), *torque.rms.tolist(), *torque.relative.tolist(),
+            error.tolist(), map(_ratio, error.tolist(), turnover.tolist()), strict=True,
         )  # fmt: skip
-        known = bool(counted[0])
-        off = self.predicted - self.measured
+        counted, total = samples.sum(axis=1).tolist(), float(_sum(error))
+        whole: list[Any] = ["all joints", *counted, None, None, *torque.relative_of_all.tolist()]
+        whole += [total, _ratio(total, float(_sum(turnover)))]
+        known = counted[0] > 0
+        measured, predicted = self.energy.tolist()
         return ModelScore(
             name,
-            change,
-            tuple(rows) if known else (),
-            whole if known else None,
-            self.predicted,
-            off,
-            _ratio(off, self.measured),
+            self.change,
+            tuple(JointScore(*row) for row in columns) if known else (),
+            JointScore(*whole) if known else None,
+            predicted,
+            predicted - measured,
+            _ratio(predicted - measured, measured),
             self.power.rms,
         )
 
@@ -246,19 +209,7 @@ def seen_in_fit(model: RobotModel, name: str, sha256: str) -> tuple[Seen, str]:
     return "unknown", "the model does not list the hashes of all recordings that it was made from"
 
 
-def _parts(joint: JointShaft) -> list[float]:
-    return [
-        _number(getattr(joint, f"shaft_energy_{side}_{kind}"))
-        for kind in ("measured", "compared")
-        for side in ("positive", "negative")
-    ]
-
-
-def _number(value: Number) -> float:
-    return float("nan") if value is None else value
-
-
-def _sum(values: Float) -> Float:
+def _sum(values: Sequence[Float] | Float) -> Float:
     """Sum along the first axis of what is known; NaN where nothing is."""
     known = np.isfinite(values)
     return np.where(known.any(axis=0), np.where(known, values, 0.0).sum(axis=0), np.nan)

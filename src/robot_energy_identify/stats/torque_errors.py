@@ -11,7 +11,10 @@ F and the rows are those of `robot_energy_identify.data.observations`.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
@@ -30,125 +33,96 @@ class TorqueErrorSums:
     A sample counts for a joint where its torque was measured and its acceleration comes from
     a full window. At rest friction is anything up to its Coulomb value, which no model can
     predict; therefore the moving samples count once more for themselves.
+
+    Attributes:
+        samples: How many counted, all and moving, shape (2, n).
+        squares: Of error and of measured torque: over all samples, while moving, and joint side
+            behind the low-pass while moving; shape (2, 3, n). [(N m)^2]
     """
 
     def __init__(self, model: RobotModel) -> None:
+        self._filters = Filters()
         self._drivetrain = Drivetrain.from_model(model)
         self._standstill = np.array([joint.standstill_velocity for joint in model.joints])
         count = len(model.joints)
-        self._samples: Int = np.zeros((2, count), dtype=np.int64)  # all, moving
-        self._squares = np.zeros((2, 2, count))  # error, measured; all, moving [(N m)^2]
+        self.samples: Int = np.zeros((2, count), dtype=np.int64)
+        self.squares: Float = np.zeros((2, 3, count))
+        self._stamp_ns = np.zeros(0, dtype=np.int64)
+        self._waiting = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
 
     def step(self, block: PowerBlock) -> None:
         """Take power samples."""
-        measured = block.motor_torque_measured
+        measured, sound = block.motor_torque_measured, (block.quality & np.uint32(DOUBTFUL)) == 0
         error = block.motor_torque - measured
-        sound = (block.quality & np.uint32(DOUBTFUL)) == 0
         known = np.isfinite(error) & sound[:, None]
         speed = self._drivetrain.joint_velocity_from_motor(block.motor_velocity)
-        moving = known & (np.abs(speed) > self._standstill)
-        for place, rows in enumerate((known, moving)):
-            self._samples[place] += rows.sum(axis=0)
-            for part, values in enumerate((error, measured)):
-                self._squares[part, place] += (np.where(rows, values, 0.0) ** 2).sum(axis=0)
-
-    def add(self, other: TorqueErrorSums) -> None:
-        """Take all samples of another recording."""
-        self._samples += other._samples
-        self._squares += other._squares
-
-    @property
-    def samples(self) -> Int:
-        """How many counted, all and moving, shape (2, n)."""
-        return self._samples
-
-    @property
-    def rms(self) -> Float:
-        """Of predicted minus measured torque, all and moving, shape (2, n). [N m]"""
-        return self._mean_root(0)
-
-    @property
-    def measured_rms(self) -> Float:
-        """Of the measured torque: the error of a prediction of 0 N m, shape (2, n). [N m]"""
-        return self._mean_root(1)
-
-    @property
-    def relative(self) -> Float:
-        """Norm of the error over that of the measured torque, shape (2, n). [-]"""
-        return _ratio(self._squares[0], self._squares[1])
-
-    @property
-    def relative_of_all(self) -> Float:
-        """The same of all joints together, shape (2,). [-]"""
-        return _ratio(self._squares[0].sum(axis=1), self._squares[1].sum(axis=1))
-
-    def _mean_root(self, part: int) -> Float:
-        count = np.where(self._samples > 0, self._samples, 1)
-        return np.where(self._samples > 0, np.sqrt(self._squares[part] / count), np.nan)
-
-
-class LowPassTorqueError:
-    """Sums of squares over recordings, from blocks of samples."""
-
-    def __init__(self, model: RobotModel) -> None:
-        self.filters = Filters()
-        self._drivetrain = Drivetrain.from_model(model)
-        count = len(model.joints)
-        self._squares = np.zeros((2, count))  # error, measured [(N m)^2]
-        self._stamp_ns = np.zeros(0, dtype=np.int64)
-        self._values = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
-
-    def step(self, block: PowerBlock) -> None:
-        """Take power samples."""
-        sound = (block.quality & np.uint32(DOUBTFUL)) == 0
-        torque = np.stack([block.motor_torque, block.motor_torque_measured], axis=1)
-        kept = sound & np.isfinite(torque).all(axis=(1, 2))
+        for place, rows in enumerate((known, known & (np.abs(speed) > self._standstill))):
+            self.samples[place] += rows.sum(axis=0)
+            self._add(place, rows, error, measured)
+        kept = known.all(axis=1)
         if not kept.any():
             return
-        velocity = self._drivetrain.joint_velocity_from_motor(block.motor_velocity[kept])
-        joint = torque[kept] @ self._drivetrain.transmission
-        fresh = np.concatenate([joint, velocity[:, None]], axis=1)
+        torque = np.stack([block.motor_torque[kept], measured[kept]], axis=1)
+        joint = torque @ self._drivetrain.transmission
+        fresh = np.concatenate([joint, speed[kept][:, None]], axis=1)
         self._stamp_ns = np.concatenate([self._stamp_ns, block.stamp_ns[kept]])
-        self._values = np.concatenate([self._values, fresh])
+        self._waiting = np.concatenate([self._waiting, fresh])
         cuts = np.flatnonzero(np.diff(self._stamp_ns) > MAX_STEP / NANOSECOND) + 1
         for cut in np.diff(cuts, prepend=0).tolist():
-            self._take(cut)
+            self._filter(cut)
         stamp = self._stamp_ns
         if len(stamp) and (stamp[-1] - stamp[0]) * NANOSECOND >= PIECE:
             self.finish()
 
     def finish(self) -> None:
-        """Take what waits, as at the end of a recording."""
-        self._take(len(self._stamp_ns))
+        """Take what waits for the low-pass, as at the end of a recording."""
+        self._filter(len(self._stamp_ns))
 
-    def add(self, other: LowPassTorqueError) -> None:
+    def add(self, other: TorqueErrorSums) -> None:
         """Take all samples of another recording, which has ended."""
-        self._squares += other._squares
+        self.samples += other.samples
+        self.squares += other.squares
+
+    @property
+    def of_nothing(self) -> TorqueErrorSums:
+        """The errors of a prediction of 0 N m."""
+        found = copy(self)
+        found.squares = self.squares[[1, 1]]
+        return found
+
+    @property
+    def rms(self) -> Float:
+        """Of predicted minus measured torque, all and moving, shape (2, n). [N m]"""
+        count = np.where(self.samples > 0, self.samples, 1)
+        return np.where(self.samples > 0, np.sqrt(self.squares[0, :2] / count), np.nan)
 
     @property
     def relative(self) -> Float:
-        """Of each joint, shape (n,); NaN where nothing moved. [-]"""
-        return _ratio(*self._squares)
+        """Norm of the error over that of the measured torque, as of `squares`, shape (3, n). [-]"""
+        return _ratio(*self.squares)
 
     @property
-    def relative_of_all(self) -> float:
-        """Of all joints together. [-]"""
-        return float(_ratio(*self._squares.sum(axis=1)))
+    def relative_of_all(self) -> Float:
+        """The same of all joints together, shape (3,). [-]"""
+        return _ratio(*self.squares.sum(axis=2))
 
-    def _take(self, count: int) -> None:
-        """Add the first rows that wait, and forget them."""
-        stamp, values = self._stamp_ns[:count], self._values[:count]
-        self._stamp_ns, self._values = self._stamp_ns[count:], self._values[count:]
+    def _add(self, place: int, rows: NDArray[np.bool_], error: Float, measured: Float) -> None:
+        for part, values in enumerate((error, measured)):
+            self.squares[part, place] += (np.where(rows, values, 0.0) ** 2).sum(axis=0)
+
+    def _filter(self, count: int) -> None:
+        """Add the first rows that wait, behind the low-pass, and forget them."""
+        stamp, values = self._stamp_ns[:count], self._waiting[:count]
+        self._stamp_ns, self._waiting = self._stamp_ns[count:], self._waiting[count:]
         if count < 2 or (stamp[-1] - stamp[0]) * NANOSECOND < MIN_LENGTH:
             return
         rate = float(1.0 / (np.median(np.diff(stamp)) * NANOSECOND))
-        if self.filters.cutoff >= 0.5 * rate:
+        if self._filters.cutoff >= 0.5 * rate:
             return
         even = uniform(stamp, values.reshape(count, -1), rate).reshape(-1, *values.shape[1:])
-        predicted, measured = low_pass(even[:, :2], rate, self.filters.cutoff).swapaxes(0, 1)
-        used, _ = usable(even[:, 2], rate, self._drivetrain.transmission, self.filters)
-        for part, torque in enumerate((predicted - measured, measured)):
-            self._squares[part] += (np.where(used, torque, 0.0) ** 2).sum(axis=0)
+        predicted, measured = low_pass(even[:, :2], rate, self._filters.cutoff).swapaxes(0, 1)
+        used, _ = usable(even[:, 2], rate, self._drivetrain.transmission, self._filters)
+        self._add(2, used, predicted - measured, measured)
 
 
 def _ratio(error: Float, measured: Float) -> Float:

@@ -8,7 +8,7 @@ every message whose bytes agree there is decoded with the same strided views, th
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
@@ -113,13 +113,12 @@ class _Layout:
         found: Walk,
         data: bytes,
         columns: dict[str, Column | Plan],
-        exact: Callable[[bytes], list[tuple[int, int]]],
     ) -> None:
         self.key = _key(found, data)
         self.size = found.end
         self.columns = columns
         self.memory = 2 * found.end + _PART_BYTES * (found.parts + len(found.spans))
-        self._spans, self._exact = found.spans, exact
+        self._spans = found.spans
         self._message = data[: found.end]
         self._views = {path: c for path, c in columns.items() if isinstance(c, View)}
         self._constants: dict[str, Column] = {
@@ -141,17 +140,11 @@ class _Layout:
 
     @cached_property
     def _parts(self) -> list[tuple[int, NDArray[np.unsignedinteger[Any]]]]:
-        return [self._part(start, stop) for start, stop in self._spans]
-
-    @cached_property
-    def _exact_parts(self) -> list[tuple[int, NDArray[np.unsignedinteger[Any]]]]:
-        """The same without the padding between neighbours, which may hold anything."""
-        return [self._part(start, stop) for start, stop in self._exact(self._message)]
-
-    def _part(self, start: int, stop: int) -> tuple[int, NDArray[np.unsignedinteger[Any]]]:
-        """Return bytes as words, which numpy compares several times quicker than bytes."""
-        words = np.frombuffer(self._message[start:stop], dtype=f"u{gcd(stop - start, 4)}")
-        return start, words
+        """Bytes of each span as words, which numpy compares several times quicker than bytes."""
+        return [
+            (start, np.frombuffer(self._message[start:stop], dtype=f"u{gcd(stop - start, 4)}"))
+            for start, stop in self._spans
+        ]
 
     def gather(self, buffer: NDArray[np.uint8], offset: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the messages at ``offset`` as rows (m, size); all must lie inside the buffer."""
@@ -162,23 +155,10 @@ class _Layout:
         """Return which rows have this layout; None for all of them."""
         equal = np.ones(len(rows), dtype=np.bool_)
         for start, part in self._parts:
-            equal &= self._equal(rows, start, part).all(axis=1)
-        if equal.all():
-            return None
-        left = np.flatnonzero(~equal)
-        for start, part in self._exact_parts:
-            left = left[self._equal(rows[left], start, part).all(axis=1)]
-            if not len(left):
-                return equal
-        equal[left] = True
+            shape, strides = (len(rows), len(part)), (self.size, part.itemsize)
+            words = np.ndarray(shape, part.dtype, rows, start, strides)
+            equal &= (words == part).all(axis=1)
         return None if equal.all() else equal
-
-    def _equal(
-        self, rows: NDArray[np.uint8], start: int, part: NDArray[np.unsignedinteger[Any]]
-    ) -> NDArray[np.bool_]:
-        """Compare the words of each row, shape (m, words)."""
-        shape, strides = (len(rows), len(part)), (self.size, part.itemsize)
-        return np.asarray(np.ndarray(shape, part.dtype, rows, start, strides) == part)
 
     def compiled_run(
         self, index: NDArray[np.int64], buffer: NDArray[np.uint8], offset: NDArray[np.int64]
@@ -326,10 +306,7 @@ class Decoder:
                 columns[path] = make_plan(
                     nested(found.values, names, list), node, axes, found.order
                 )
-        return _Layout(found, data, columns, self._exact_spans)
-
-    def _exact_spans(self, data: bytes) -> list[tuple[int, int]]:
-        return walk(self._schema, data, {}, self._max_parts, exact=True).spans
+        return _Layout(found, data, columns)
 
     def _walk_each(
         self, batch: RawBatch, pending: NDArray[np.int64], runs: list[Run], malformed: list[int]
