@@ -208,10 +208,7 @@ class StateFit(Described):
     load: Annotated[str, "Name of the load."]
     state: Annotated[str, "Of the state."]
     power: Annotated[float, "[W]"]
-    std: Annotated[
-        float | None,
-        "Its standard deviation; None where one reading says nothing of its scatter. [W]",
-    ]
+    std: Annotated[float | None, "None where one reading says nothing of its scatter. [W]"]
     parts: Annotated[dict[str, float], "Deviations by cause. [W]"]
     readings: Annotated[int, "Behind it."]
     visits: Annotated[int, "How often the state was in force."]
@@ -236,9 +233,7 @@ class LoadsFit(Described):
 
     loads: Annotated[tuple[str, ...], "Their names."]
     source: Annotated[str, "`OWN` or `OUTLET`."]
-    states: Annotated[
-        tuple[StateFit, ...], "What was found; states without enough readings are left out."
-    ]
+    states: Annotated[tuple[StateFit, ...], "Those with enough readings."]
     held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
     used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
     notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."]

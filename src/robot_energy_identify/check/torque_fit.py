@@ -85,18 +85,12 @@ class Bodies(Described):
 class Errors(Described):
     """Most likely errors under given priors."""
 
-    cost: Annotated[
-        float, "Minus twice the logarithm of the marginal likelihood, but for a constant."
-    ]
+    cost: Annotated[float, "Minus twice the logarithm of the marginal likelihood, less a constant."]
     values: Annotated[Float, "Of each column, in its unit."]
     std: Annotated[Float, "Their standard deviations."]
-    unexplained: Annotated[
-        Float, "Share of each joint's torque variance, shape (n,); NaN where unknown."
-    ]
+    unexplained: Annotated[Float, "Of each joint's variance, shape (n,); NaN where unknown. [-]"]
     surprise: Annotated[
-        float,
-        "Squares of the errors of bodies, zeros and gains over their priors, summed, per one of "
-        "them that the recording determines. [-]",
+        float, "Squared errors of bodies, zeros, gains over priors, per one determined. [-]"
     ]
     freedom: Annotated[float, "Part of the cost that is the logarithm of the determinant."]
 

@@ -89,21 +89,13 @@ class Bag(Described):
 
     path: Path
     effort: EffortMeaning = EffortMeaning.NONE
-    inputs: Annotated[
-        Inputs | None, "What the inputs of a live monitor are, to read the bag in the same way."
-    ] = None
+    inputs: Annotated[Inputs | None, "Of the live monitor as which it is read."] = None
     drive_power: MeasuredDrivePower | None = None
     spans: Annotated[tuple[Span, ...], "Stretches that count. [ns]"] = (EVER,)
-    meter_delay: Annotated[
-        float, "Of the power meter behind the joint states, undone when read. [s]"
-    ] = 0.0
-    meter_time_constant: Annotated[
-        float, "Of a low pass in the power meter, undone when read. [s]"
-    ] = 0.0
+    meter_delay: Annotated[float, "Of the meter behind the joint states, undone. [s]"] = 0.0
+    meter_time_constant: Annotated[float, "Of a low pass in the meter, undone. [s]"] = 0.0
     sensors: SensorLimits = DEFAULT_LIMITS
-    most: Annotated[
-        float, "Samples of it that are kept, see `robot_energy_identify.data.thinned`."
-    ] = MOST
+    most: Annotated[float, "Samples that are kept, see `Thinned`."] = MOST
     kept: Annotated[
         Kept | None, "The bag as it was read; None: it is read again with each model."
     ] = field(default=None, repr=False)
@@ -195,12 +187,8 @@ class BagFacts(Described):
     date: Annotated[str, "Of its first sample, empty where stamps are not dates."]
     duration: Annotated[float, "From first to last sample. [s]"]
     rate: Annotated[float, "Median of the samples. [Hz]"]
-    range_degc: Annotated[
-        tuple[float, float] | None, "Of all motor temperatures; None if there is none. [degC]"
-    ]
-    effort: Annotated[
-        EffortMeaning, "What the effort is; NONE if it was not stated, or no sample has one."
-    ]
+    range_degc: Annotated[tuple[float, float] | None, "Of all motors; None where unknown. [degC]"]
+    effort: Annotated[EffortMeaning, "What it is; NONE if not stated, or never measured."]
     meter: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
     readings: Annotated[int, "Of the meter."]
     drives: Annotated[bool, "Whether the power of the drives is measured."]

@@ -77,16 +77,11 @@ class Recording(Described):
     path: Path
     model: RobotModel
     torque: Annotated[TorqueBlock, "Motion, rigid-body torque and measured torque of every sample."]
-    power: Annotated[
-        PowerBlock, "Temperature, bus power and phase of the same samples, row by row."
-    ]
+    power: Annotated[PowerBlock, "Temperature, bus power and phase, row by row as ``torque``."]
     meter: MeterBlock | None
     origin: Annotated[str, "Where the recording comes from, as its writer said."]
     problems: tuple[str, ...]
-    known: Annotated[
-        tuple[Compared, ...] | None,
-        "What was compared already; None: computed when it is asked for.",
-    ] = None
+    known: Annotated[tuple[Compared, ...] | None, "What was compared; None: when asked for."] = None
     limits: MeterLimits = field(default_factory=MeterLimits)
     replay: Annotated[Replay | None, "The replay that gave it, with its accounting."] = field(
         default=None, repr=False
@@ -94,9 +89,7 @@ class Recording(Described):
     sensors: SensorLimits = DEFAULT_LIMITS
     temperatures: Annotated[TemperatureBlock | None, "As they came, for another model."] = None
     every: Annotated[int, "Of how many samples of the recording one is kept."] = 1
-    response: Annotated[
-        MeterResponse | None, "Of the meter that its readings are compared with."
-    ] = None
+    response: Annotated[MeterResponse | None, "Of the meter that is compared with."] = None
 
     def __len__(self) -> int:
         return len(self.torque)

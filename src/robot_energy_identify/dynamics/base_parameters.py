@@ -30,9 +30,7 @@ class BaseParameters(Described):
 
     names: Annotated[tuple[str, ...], "Of all standard parameters, shape (P,)."]
     independent: Annotated[Int, "One parameter of each group, which names it, shape (B,)."]
-    dependent: Annotated[
-        Int, "The others; a column of zeros in ``relation`` has no effect, shape (D,)."
-    ]
+    dependent: Annotated[Int, "The others; without effect: zeros in ``relation``, shape (D,)."]
     relation: Annotated[Float, "Shape (B, D)."]
 
     def __len__(self) -> int:

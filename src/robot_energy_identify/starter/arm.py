@@ -137,12 +137,8 @@ class Arm(Described):
 
     robot_name: str
     joints: tuple[ArmJoint, ...]
-    left_out: Annotated[
-        tuple[tuple[str, str], ...], "Moving joints that are not modelled, and why."
-    ]
-    massless_links: Annotated[
-        tuple[str, ...], "Links that move without inertia of their own or of their body."
-    ]
+    left_out: Annotated[tuple[tuple[str, str], ...], "Moving joints not modelled, and why."]
+    massless_links: Annotated[tuple[str, ...], "Links that move without inertia."]
     moving_mass: Annotated[float, "Of everything that moves. [kg]"]
     robot_class: Annotated[RobotClass, "The class it was given, or taken for."]
     class_source: str

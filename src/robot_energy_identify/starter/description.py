@@ -31,10 +31,7 @@ class RobotText(Described):
 
     xml: str
     origin: Annotated[str, "In words, for comments and messages."]
-    path: Annotated[
-        Path | None,
-        "The file, if it can be named in a model file; None if the text must be embedded.",
-    ] = None
+    path: Annotated[Path | None, "Its file; None if the text must be embedded."] = None
     joint_names: Annotated[
         tuple[str, ...], "Joints that a bag has joint states of; empty if unknown."
     ] = field(default=())

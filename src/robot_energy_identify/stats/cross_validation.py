@@ -37,13 +37,9 @@ class EnergyScore(Described):
     """A prediction of a meter, on held-out readings."""
 
     rms: Annotated[float, "Of predicted minus measured power. [W]"]
-    energy_error: Annotated[
-        float, "Predicted over measured energy minus 1, mean size over the folds. [-]"
-    ]
+    energy_error: Annotated[float, "Predicted over measured energy - 1, mean size of folds. [-]"]
     worst: Annotated[float, "The greatest of them in size. [-]"]
-    shares: Annotated[
-        tuple[float, ...], "Predicted over measured energy minus 1 of each fold. [-]"
-    ] = ()
+    shares: Annotated[tuple[float, ...], "Of each fold, signed. [-]"] = ()
 
     def beats(self, given: EnergyScore) -> bool:
         """Whether figures of this prediction may replace those of another one.

@@ -41,26 +41,18 @@ class Fit(Described):
 
     names: tuple[str, ...]
     values: Annotated[Float, "Shape (P,)."]
-    covariance: Annotated[
-        Float, "Of the values as if they were normally distributed, shape (P, P)."
-    ]
-    independent: Annotated[
-        Float, "Number of independent rows of each target, or of blocks, shape (n,)."
-    ]
+    covariance: Annotated[Float, "Of the values, as if normally distributed, shape (P, P)."]
+    independent: Annotated[Float, "Independent rows of each target, or blocks, shape (n,)."]
     degrees: Annotated[float, "Of freedom, of the scatter."]
     residual: Annotated[Float, "Target less fitted, shape (N,) or (N, n)."]
-    weight: Annotated[
-        Float, "On each row in the fit, 0 where unused, same shape. [1/unit of the target]"
-    ]
+    weight: Annotated[Float, "On each row, 0 where unused, same shape. [1/unit of the target]"]
     parts: Annotated[
         Mapping[str, Float],
-        "Deviations of the parameters by cause, shape (P,) each; their squares add up to the "
-        "diagonal of the covariance.",
+        "Deviations by cause, shape (P,) each; their squares add up to the variance.",
     ] = field(default_factory=dict[str, Float])
     moves: Annotated[
         Mapping[str, Float],
-        "Of the parameters by one deviation of each constant error, by cause, shape (P, errors) "
-        "each.",
+        "Of the values by one deviation of constant errors, shape (P, errors) each.",
     ] = field(default_factory=dict[str, Float])
 
     def errors(self) -> dict[str, Float]:
