@@ -6,7 +6,7 @@ import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field
-from inspect import signature
+from inspect import cleandoc, signature
 from typing import Annotated, Any
 
 from robot_energy.foundation.described import Described
@@ -91,11 +91,11 @@ class Command(Described):
     def of(
         cls, doc: str | None, run: Run, options: Options | Callable[[ArgumentParser], None]
     ) -> Command:
-        """Return the command that the docstring of its module describes.
+        """Return the command that the docstring of its module, or of its function, describes.
 
         Its first line has name and text, the rest what the command does, then ``examples:``.
         """
-        first, _, rest = (doc or "").partition("\n\n")
+        first, _, rest = cleandoc(doc or "").partition("\n\n")
         name, _, text = first.partition("`: ")
         description, example, epilog = rest.partition("\nexample")
         text = " ".join(text.split()).rstrip(".")

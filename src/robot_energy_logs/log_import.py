@@ -17,7 +17,6 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.electrical_power import electrical_power
 from robot_energy.timeline.blocks import Float, Int, MeterLocation, MeterMeaning
 from robot_energy.timeline.stamps import MIN_DATE
-from robot_energy_logs.cells import TableRows
 from robot_energy_logs.columns import (
     FACTORS,
     PLACEHOLDER,
@@ -40,7 +39,7 @@ from robot_energy_logs.recording import (
     write_bag,
 )
 from robot_energy_logs.rows import Clock, side_by_side, usable_rows
-from robot_energy_logs.table import LogTable
+from robot_energy_logs.table import LogTable, TableRows
 from robot_energy_logs.text_table import TextForm
 
 

@@ -113,29 +113,20 @@ class CouplingEntry(MappingEntry):
 
 
 class LogRobot(MappingEntry):
-    """The robot, where there is no model file of it.
+    """The robot, where there is no model file of it."""
 
-    Attributes:
-        urdf: File with kinematics and bodies, in the folder of the data or of the mapping.
-        gear_ratio: Motor turns per joint turn; the sign is the sense.
-        coupling: Motors that turn along with other joints.
-    """
-
-    urdf: Text
-    gear_ratio: list[Number]
-    coupling: tuple[CouplingEntry, ...] = ()
+    urdf: Annotated[
+        Text, "File with kinematics and bodies, in the folder of the data or of the mapping."
+    ]
+    gear_ratio: Annotated[list[Number], "Motor turns per joint turn; the sign is the sense."]
+    coupling: Annotated[tuple[CouplingEntry, ...], "Motors that turn along with other joints."] = ()
 
 
 class ReferenceFriction(MappingEntry):
-    """Published friction, to be printed next to the fit, joint side.
+    """Published friction, to be printed next to the fit, joint side."""
 
-    Attributes:
-        viscous: Torque of each joint per its own velocity. [N m s/rad]
-        coulomb: [N m]
-    """
-
-    viscous: list[Number]
-    coulomb: list[Number]
+    viscous: Annotated[list[Number], "Torque of each joint per its own velocity. [N m s/rad]"]
+    coulomb: Annotated[list[Number], "[N m]"]
     source: str = ""
 
 

@@ -29,8 +29,8 @@ from robot_energy.messages.fields import (
 from robot_energy.messages.payload import FIELDS, PAYLOAD
 from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, MeterLocation, MeterMeaning
 from robot_energy.timeline.stamps import BAD_STAMP, MAX_GAP_NS, MIN_PERIOD_NS, MIN_STAMP_NS
-from robot_energy_logs.cells import number_remedy
 from robot_energy_logs.instants import time_remedy
+from robot_energy_logs.table import number_remedy
 
 PAYLOAD_TOPIC = "/energy/payload"
 BODY = FIELDS[1:]  # fields of a message, in the order of the figures of a payload
@@ -126,30 +126,26 @@ class FileAccount(RejectionLog):
 
 @dataclass
 class ImportReport:
-    """What an import wrote.
-
-    Attributes:
-        files: Account of the rows of every file, in time order.
-        start_ns: First stamp. [ns]
-        end_ns: Last stamp. [ns]
-        temperatures: Messages written; rows without any temperature give none.
-        readings: Meter readings written; rows without one give none.
-        drive_powers: Messages written, stamped by their log time alone; rows without any
-            power of a drive give none.
-        notes: What a reader of the bag should know, one sentence each.
-    """
+    """What an import wrote."""
 
     bag: Path
     contents: RecordingContents
-    files: list[FileAccount] = field(default_factory=list[FileAccount])
-    start_ns: int | None = None
-    end_ns: int | None = None
+    files: Annotated[list[FileAccount], "Account of the rows of every file, in time order."] = (
+        field(default_factory=list[FileAccount])
+    )
+    start_ns: Annotated[int | None, "First stamp. [ns]"] = None
+    end_ns: Annotated[int | None, "Last stamp. [ns]"] = None
     joint_states: int = 0
-    temperatures: int = 0
-    readings: int = 0
-    drive_powers: int = 0
+    temperatures: Annotated[int, "Messages written; rows without any temperature give none."] = 0
+    readings: Annotated[int, "Meter readings written; rows without one give none."] = 0
+    drive_powers: Annotated[
+        int,
+        "Messages written, stamped by their log time alone; rows without any power give none.",
+    ] = 0
     payloads: int = 0
-    notes: list[str] = field(default_factory=list[str])
+    notes: Annotated[list[str], "What a reader of the bag should know, one sentence each."] = field(
+        default_factory=list[str]
+    )
 
 
 @dataclass(frozen=True)

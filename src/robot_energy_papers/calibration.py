@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import FIRST_SEED, SEED_STEP, allowed
 from robot_energy_plan.motion import random_program
@@ -137,8 +136,6 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
     Args:
         programs: How many programs of the kind of the experiment; >= 1.
     """
-    if programs < 1:
-        raise RigError(f"{programs} programs were asked for", "at least 1")
     limits, above = allowed(profile)
     first = FIRST_SEED + SEED_STEP * seed
     mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import ShapeError
 from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import COLOURS, SERIES, Axes, Target, canvas, named_ticks, panels
 
@@ -55,8 +54,6 @@ def energy_over_temperature(
     study: EnergyStudy, path: Target, title: str = "", deviation: bool = False
 ) -> None:
     """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b)."""
-    if not len(study.robot_degc):
-        raise ShapeError("no set to draw", "at least one temperature")
     with canvas(path, (8.0, 7.0) if deviation else (6.4, 4.2), title) as figure:
         axes: Any = figure.subplots(2 if deviation else 1, 1, sharex=True, squeeze=False)[:, 0]
         _energies(axes[0], study)
@@ -81,8 +78,6 @@ def shaft_power_over_temperature(
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
     """
-    if not curves:
-        raise ShapeError("no curve to draw", "at least one temperature")
     colours = (SERIES[0], SERIES[2], SERIES[1], SERIES[3])
     with canvas(path, (8.0, 3.4), title) as figure:
         axes: Any = figure.subplots()

@@ -27,9 +27,8 @@ from robot_energy_papers.calibration import (
     random_poses,
 )
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
-from robot_energy_papers.held_out import SetRow, held_out, shaft_power
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
-from robot_energy_papers.models import FOLLOWS, Identified, identify
+from robot_energy_papers.models import FOLLOWS, Identified, SetRow, held_out, identify, shaft_power
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 from robot_energy_papers.soaked_rigs import (
     EffectRow,

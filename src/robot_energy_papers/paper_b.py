@@ -18,7 +18,13 @@ from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.dynamics_model import to_model
-from robot_energy_papers.drive_study import DriveTest, StudiedDrives, identify_drives, tested
+from robot_energy_papers.drive_study import (
+    DriveTest,
+    StudiedDrives,
+    identify_drives,
+    map_tables,
+    tested,
+)
 from robot_energy_papers.job_pool import Steps, StudyRun
 from robot_energy_papers.machines import (
     ARM,
@@ -40,7 +46,6 @@ from robot_energy_papers.mantis import (
     recorded,
     slower,
 )
-from robot_energy_papers.map_sensitivity import map_tables
 from robot_energy_papers.sensitivity import SensitivityTable
 from robot_energy_papers.wall_sensitivity import wall_tables
 from robot_energy_plan.motion import JointMotion

@@ -40,10 +40,6 @@ class OpenFigure:
     reason: str
     switch: bool = False
 
-    def __post_init__(self) -> None:
-        if not self.low <= self.nominal <= self.high or self.low == self.high:
-            raise ValueError(f"{self.key}: {self.low}, {self.nominal}, {self.high} do not rise")
-
 
 def open_figures(*rows: tuple[str, str, str, float, float, float, str]) -> tuple[OpenFigure, ...]:
     """Return open figures of a table.

@@ -24,8 +24,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import load
 from robot_energy_papers.experiment import RATE, MotionSet, make_programs, soaked
-from robot_energy_papers.held_out import held_out
-from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify
+from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, held_out, identify
 from robot_energy_rig import PlantProfile, RigConfig, load_profile, random_profile
 
 HOLD_DEGC = 50.0  # of the recording at rest

@@ -36,9 +36,14 @@ from robot_energy_studies.interval_coverage import (
     coverages,
     repetitions,
 )
-from robot_energy_studies.learning_study import LearningRow, learning_study
+from robot_energy_studies.learning_study import (
+    LearningRow,
+    Shift,
+    WearRow,
+    detection,
+    learning_study,
+)
 from robot_energy_studies.thermal_study import ROBOTS, HiddenPlant, hidden_sensors
-from robot_energy_studies.wear_shift import Shift, WearRow, detection
 
 WEAR, BEFORE, AFTER = 0.15, 8.0, 2.0  # of friction [-]; work before and after it [h]
 FRESH = 600  # first plant of the bands; their constants were chosen and proven on others

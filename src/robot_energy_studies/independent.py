@@ -35,9 +35,16 @@ from robot_energy_papers.experiment import (
     TOOL,
     MotionSet,
 )
-from robot_energy_papers.held_out import held_out
 from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
-from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify, without_knowledge
+from robot_energy_papers.models import (
+    FIXED_DEGC,
+    FOLLOWS,
+    fixed_name,
+    held_out,
+    identify,
+    with_values,
+    without_knowledge,
+)
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.soaked_rigs import PlantRow, error_spreads
 from robot_energy_plan.motion import MotionLimits, Program, random_program, tool_above
@@ -108,12 +115,7 @@ def published(robot: DrawnRobot) -> RobotModel:
     """Return what is published of a robot: bodies that are off, gears, rotors, the test weight."""
     model = without_knowledge(load(BODY))
     joints = [
-        joint.model_copy(
-            update={
-                "gear_ratio": joint.gear_ratio.model_copy(update={"value": float(ratio)}),
-                "rotor_inertia": joint.rotor_inertia.model_copy(update={"value": float(inertia)}),
-            }
-        )
+        with_values(joint, gear_ratio=float(ratio), rotor_inertia=float(inertia))
         for joint, ratio, inertia in zip(
             model.joints, robot.arm.gear_ratio, robot.plate_inertia, strict=True
         )

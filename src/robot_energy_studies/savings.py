@@ -21,8 +21,16 @@ from robot_energy_plan.optimization.search import cheapest
 from robot_energy_report.canvas import SERIES, Target, canvas
 from robot_energy_rig import load_profile
 from robot_energy_studies.band_coverage import BODY, LABEL, SHORT_TRAINING, TRAINING
-from robot_energy_studies.judged_savings import UNCHANGED, JudgedChoice, JudgedSaving, PlantAtWork
-from robot_energy_studies.savings_study import SavingsStudySize, judge_plant, run_as, task_of
+from robot_energy_studies.savings_study import (
+    UNCHANGED,
+    JudgedChoice,
+    JudgedSaving,
+    PlantAtWork,
+    SavingsStudySize,
+    judge_plant,
+    run_as,
+    task_of,
+)
 
 FRESH = 500  # first plant on which no constant of the bands was chosen
 PER_JOB = 50  # programs whose limits are checked in one job

@@ -36,7 +36,7 @@ from robot_energy_rig.plant import Supply
 from robot_energy_rig.profile import SupplyProfile
 from robot_energy_rig.record import record
 from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig
-from robot_energy_studies.judged_savings import JudgedClaim
+from robot_energy_studies.savings_study import JudgedClaim
 
 MOVES = 8
 LENGTH = 60.0  # s of a recording

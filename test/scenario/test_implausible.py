@@ -218,6 +218,33 @@ def test_what_does_not_fit_in_a_test_recording_is_a_note(bag: Path, tmp_path: Pa
     assert notes(1.0, "assumed") == ()
 
 
+@pytest.mark.parametrize("subject", ["all", "dynamics", "friction", "cabinet", "drives"])
+@pytest.mark.parametrize(
+    ("factor", "cause"),
+    [
+        (0.0, "the velocity of shoulder stays 0 while its positions move"),
+        (-1.0, "the velocity of shoulder has the opposite sign"),
+        (180 / np.pi, "one of them is in degrees"),
+    ],
+)
+def test_velocities_that_are_not_the_change_of_the_positions(
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    subject: str,
+    factor: float,
+    cause: str,
+) -> None:
+    """In one recording of two: each figure would take it up, and the model read much too low."""
+    other = rewrite(bag, tmp_path / "other", scaled(("velocity",), factor))
+    effort = [] if subject == "cabinet" else ["--effort", "motor_torque"]
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    said = run(tmp_path, capsys, subject, str(bag), str(other), "--model", path, *effort)
+    assert "robot-energy: other: " in said
+    assert cause in said
+    assert "joint_states: {velocity" in said
+
+
 def test_a_meter_that_shows_less_than_the_shafts_take(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

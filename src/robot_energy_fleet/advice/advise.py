@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 
 from robot_energy.certainty.deviation import Z90
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError, ParameterError, RobotEnergyError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
@@ -149,15 +149,10 @@ ABSENT = {
 }
 
 
-@dataclass(frozen=True)
-class AdviceResult(Shown):
-    """What would save how much.
+class AdviceResult(Described, Shown):
+    """What would save how much."""
 
-    Attributes:
-        report: All figures.
-    """
-
-    report: AdviceReport
+    report: Annotated[AdviceReport, "All figures."]
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy advise``."""

@@ -10,13 +10,12 @@ import numpy as np
 
 from robot_energy.foundation.described import documented
 from robot_energy.model import RobotModel
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
-from robot_energy_plan.consecutive import ConsecutiveBlocks
-from robot_energy_plan.optimization.deviations import DeviationSums
+from robot_energy_plan.optimization.deviations import ConsecutiveBlocks, DeviationSums
 
 WARMER = 10.0  # K, over which the loss of warmer windings is differentiated
 MIN_REST = 1.0  # s; a shorter stop is part of the work

@@ -43,6 +43,7 @@ from robot_energy_identify.refused_recordings import (
     notes_on_torque,
     on_one_clock,
     refuse_meter,
+    refuse_motion,
     refuse_torque,
     torque_evidence,
 )
@@ -376,9 +377,11 @@ def identify_all(
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
     recordings: list[Recording] = []
+    states: list[str] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
+        states += refuse_motion(recording)
         recordings.append(recording)
         known.append((facts(bag, recording), recording.span_ns))
         evidence.append(torque_evidence(recording, bag.effort))
@@ -397,7 +400,12 @@ def identify_all(
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):
         compare = refuse_torque if bodies_known(given) else notes_on_torque
-        notes = [*moved, *compare(fit_parts), *notes_on_torque(test_parts, "in the test: ")]
+        notes = [
+            *states,
+            *moved,
+            *compare(fit_parts),
+            *notes_on_torque(test_parts, "in the test: "),
+        ]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
             fitted,

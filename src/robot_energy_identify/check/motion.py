@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -51,11 +52,11 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
         finding
         for joint in joints
         for finding in (
-            _units(evidence, joint, foreign)
-            if foreign[joint]
-            else (*_slope(evidence, joint), *_limits(evidence, joint))
+            _units(evidence, joint, foreign) if foreign[joint] else _limits(evidence, joint)
         )
     ]
+    slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
+    findings += _together(evidence, slopes)
     if not any(finding.severity == ERROR for finding in findings):
         # joints that would need more torque than the robot has
         findings += [
@@ -133,7 +134,7 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
             "velocity_sign", ERROR, (name,),
             f"the velocity of {name} has the opposite sign of the change of its position "
             f"(correlation {correlation:.2f})",
-            correlation, *remedies.corrected(evidence, ("velocity",), (joint,), sign=-1.0),
+            correlation,
         )  # fmt: skip
     elif correlation < MIN_FIT and not evidence.remarks.repeating:
         yield Finding(
@@ -143,13 +144,36 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
             correlation, *remedies.NO_VELOCITY,
         )  # fmt: skip
     elif abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
-        degrees = [unit for unit in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / unit)) < NEAR]
-        scale = 1.0 / (degrees[0] if degrees else slope)
         yield Finding(
             "velocity_scale", ERROR, (name,),
             f"the velocity of {name} is {slope:.3g} times the change of its position"
-            + (": one of them is in degrees" if degrees else ""),
-            slope, *remedies.corrected(evidence, ("velocity",), (joint,), scale=scale),
+            + (": one of them is in degrees" if _in_degrees(slope) != slope else ""),
+            slope,
+        )  # fmt: skip
+
+
+def _in_degrees(slope: float) -> float:
+    """The factor of degrees or of radians where a slope is near it, else the slope."""
+    near = [unit for unit in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / unit)) < NEAR]
+    return near[0] if near else slope
+
+
+def _together(evidence: Evidence, findings: Sequence[Finding]) -> Iterator[Finding]:
+    """One finding, and one line that mends it, for all joints whose velocity has one cause."""
+    for cause in dict.fromkeys(one.cause for one in findings):
+        alike = [one for one in findings if one.cause == cause]
+        names = tuple(name for one in alike for name in one.subject)
+        joints = tuple(map(evidence.names.index, names))
+        remedy = alike[0].remedy, alike[0].remedy_in
+        if cause == "velocity_sign":
+            remedy = remedies.corrected(evidence, ("velocity",), joints, sign=-1.0)
+        elif cause == "velocity_scale":
+            scales = [1.0 / _in_degrees(one.evidence) for one in alike]
+            remedy = remedies.corrected(evidence, ("velocity",), joints, scale=scales)
+        more = f"; likewise that of {', '.join(names[1:])}" if names[1:] else ""
+        yield replace(
+            alike[0], subject=names, sentence=alike[0].sentence + more,
+            remedy=remedy[0], remedy_in=remedy[1],
         )  # fmt: skip
 
 

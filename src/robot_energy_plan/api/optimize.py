@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
@@ -24,28 +25,22 @@ from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
 from robot_energy_plan.options import OptimizeOptions
-from robot_energy_plan.results.common_supply import supply_figures
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
+from robot_energy_plan.results.shared_bus import supply_figures
 
 TEMPERATURES = 3  # at which a range is looked at
 REGENERATION = 0.9  # share that a regenerative supply returns, assumed [-]
 
 
-@dataclass(frozen=True)
-class OptimizationResult(Shown):
-    """A program that needs less energy for the same work.
+class OptimizationResult(Described, Shown):
+    """A program that needs less energy for the same work."""
 
-    Attributes:
-        program: Its name.
-        report: All figures.
-        optimum: The costs behind them.
-        form: The program, which can be written in its own form.
-    """
-
-    program: str
-    report: OptimizationReport
-    optimum: Optimum = field(repr=False)
-    form: ProgramForm = field(repr=False)
+    program: Annotated[str, "Its name."]
+    report: Annotated[OptimizationReport, "All figures."]
+    optimum: Annotated[Optimum, "The costs behind them."] = field(repr=False)
+    form: Annotated[ProgramForm, "The program, which can be written in its own form."] = field(
+        repr=False
+    )
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy optimize``."""

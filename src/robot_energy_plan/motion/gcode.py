@@ -21,7 +21,7 @@ from robot_energy_plan.motion.gcode_machine import (
     MIN_SPEED,
     ProgramMachine,
 )
-from robot_energy_plan.motion.tool_path import ToolPath
+from robot_energy_plan.motion.tool_corners import ToolPath
 
 MAX_BYTES = 64 * 1024 * 1024
 RAPID_SPEED = 0.25  # m/s, assumed: programs do not state it

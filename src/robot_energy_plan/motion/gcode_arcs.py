@@ -8,7 +8,7 @@ from typing import Annotated
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
-from robot_energy_plan.motion.tool_path import CLOSED, HORIZONTAL, Plane, Point
+from robot_energy_plan.motion.tool_corners import CLOSED, HORIZONTAL, Plane, Point
 
 Flat = tuple[float, float]  # in the plane of an arc [m]
 

@@ -120,15 +120,11 @@ PRINTER = re.compile(
 
 
 class FoundFlavor(NamedTuple):
-    """The flavour of a program.
-
-    Attributes:
-        certain: Whether something in the program or the user said so.
-    """
+    """The flavour of a program."""
 
     flavor: Flavor
     reason: str
-    certain: bool = True
+    certain: Annotated[bool, "Whether something in the program or the user said so."] = True
 
 
 def flavor_of(text: str, name: str | None = None) -> FoundFlavor:

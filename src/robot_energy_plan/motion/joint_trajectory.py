@@ -71,10 +71,6 @@ class JointTrajectory:
         joint_position: Positions of the points, shape (K, n). [rad] or [m]
         joint_velocity: Same shape, or None. [rad/s] or [m/s]
         joint_acceleration: Same shape, or None. [rad/s^2] or [m/s^2]
-
-    Attributes:
-        duration: Time from the first to the last point. [s]
-        instants: Times of the points since the first, shape (K,). [s]
     """
 
     def __init__(
@@ -87,7 +83,6 @@ class JointTrajectory:
         name: str = "the trajectory",
     ) -> None:
         self.joint_names = tuple(joint_names)
-        size = (len(time), len(self.joint_names))
         if len(set(self.joint_names)) != len(self.joint_names) or not self.joint_names:
             raise MotionError(f"{name} names the joints {list(joint_names)}", "each joint once")
         if not 2 <= len(time) <= MAX_POINTS:
@@ -98,12 +93,7 @@ class JointTrajectory:
             ("velocity", joint_velocity),
             ("acceleration", joint_acceleration),
         ):
-            if values is None:
-                continue
-            expected = size[:1] if what == "time" else size
-            if values.shape != expected:
-                raise MotionError(f"{name}: {what} of shape {values.shape}", f"{expected}")
-            if not (np.abs(values) <= MAX_VALUE).all():  # NaN is not, either
+            if values is not None and not (np.abs(values) <= MAX_VALUE).all():  # NaN is not, either
                 raise MotionError(
                     f"{name}: a {what} is not finite or beyond {MAX_VALUE:g}", "finite figures"
                 )
@@ -128,8 +118,8 @@ class JointTrajectory:
                 f"{time[row + 1]:.9g} s, after one at {time[row]:.9g} s",
                 "times that rise from point to point",
             )
-        self.instants: Float = time - time[0]
-        self.duration = float(self.instants[-1])
+        self.instants: Float = time - time[0]  # times of the points since the first, shape (K,) [s]
+        self.duration = float(self.instants[-1])  # time from the first to the last point [s]
         if joint_velocity is None:
             self._motion = CubicSpline(self.instants, joint_position, bc_type="clamped")
             self.notes += (

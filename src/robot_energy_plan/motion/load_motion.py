@@ -139,9 +139,10 @@ def tool_program(program: GcodeProgram, robot: Robot, options: ToolOptions) -> L
         kinematics = InverseKinematics(robot, options.link, orientation=TOOL_DOWN)
         notes.append("no start position was given: the tool points down, z of its frame downward")
     start = _start(robot, kinematics.structure) if options.start is None else options.start
-    if start.shape != (robot.n_joints,):
+    if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
         raise MotionError(
-            f"the start has {start.size} joint positions", f"{robot.n_joints}, one per joint"
+            f"the start has {start.size} joint positions",
+            f"{robot.n_joints} finite ones, one per joint",
         )
     limits = options.limits
     stated = (

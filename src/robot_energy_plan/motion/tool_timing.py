@@ -17,8 +17,7 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_plan.motion.tool_corners import PathPieces, pieces_of
-from robot_energy_plan.motion.tool_path import Dwell, ToolPath
+from robot_energy_plan.motion.tool_corners import Dwell, PathPieces, ToolPath, pieces_of
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)
 ROWS = 65_536  # phases integrated at once

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
 
 STEP = 0.02  # s between shifts
@@ -64,11 +63,6 @@ def level_starts(power: Sequence[Float], cycle_time: float, figure: Figure = pea
         power: Of each robot over one cycle, at equal steps, all of one length, shape (N,). [W]
         cycle_time: Of all. [s]
     """
-    if len(power) < 2 or len({len(one) for one in power}) != 1:
-        raise MotionError(
-            f"powers of {[len(one) for one in power]} samples",
-            "two robots or more, as many of each",
-        )
     curves = np.stack(power)
     count, size = curves.shape
     shifted = [  # row k of each: the power when the robot starts k samples later

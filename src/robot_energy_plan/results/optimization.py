@@ -8,13 +8,12 @@ from typing import Annotated
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_used
 from robot_energy_plan.optimization.measures import Optimum, Tried, together
-from robot_energy_plan.optimization.plan import Cost, CostTable, Saving
 from robot_energy_plan.optimization.program_form import ProgramForm
 from robot_energy_plan.optimization.rest_states import break_even
+from robot_energy_plan.optimization.search import Cost, CostTable, Saving
 from robot_energy_plan.optimization.task import Task
 from robot_energy_plan.prediction import predict
-from robot_energy_plan.results.common_supply import CommonSupply, StartTime
-from robot_energy_plan.results.shared_bus import SharedBusReport
+from robot_energy_plan.results.shared_bus import CommonSupply, SharedBusReport, StartTime
 
 NOT_CLAIMED = "not claimed: smaller than its uncertainty"
 NOTHING = "changes nothing here"

@@ -14,7 +14,7 @@ from robot_energy.foundation.shown_text import shown
 from robot_energy.messages.fields import ENERGY_REGISTERS, FRAME, JOINT_FIELDS, RECORDING, STAMP
 from robot_energy.messages.friction import JOINT_FRICTION
 from robot_energy.messages.power import POWER_STATE
-from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy.timeline.blocks import NANOSECOND, Phase
 from robot_energy.timeline.stamps import valid_stamps
 from robot_energy_report.page.alarms import PageFinding
 from robot_energy_report.page.json_numbers import json_number
@@ -161,7 +161,7 @@ class PageReaders:
             ENERGY_REGISTERS,
             (
                 *(*identity, FRAME, "energy_start.sec", "energy_start.nanosec", "persisted"),
-                *(*ENERGIES, *TIMES, *OUTLET),
+                *(*ENERGIES, *TIMES, *OUTLET, "phase_microjoule", "phase_ns"),
                 *("joints.name", *(f"joints.{name}" for name in JOINT_ENERGIES)),
                 "auxiliary.name", *(f"auxiliary.{name}" for name in LOAD_ENERGIES),
             ),
@@ -196,6 +196,7 @@ class PageReaders:
             "model_id": run.columns["model_id"],
             "recording": run.columns[FRAME] == RECORDING,
             **{name: float(run.array(name)[-1]) for name in ENERGIES + TIMES + OUTLET},
+            "phases": [run.array(name)[-1].tolist() for name in ("phase_ns", "phase_microjoule")],
             "joints": _newest_rows(run, "joints", JOINT_ENERGIES),
             "auxiliary": _newest_rows(run, "auxiliary", LOAD_ENERGIES),
         }
@@ -228,6 +229,20 @@ class PageReaders:
             }
             for place, name in enumerate(names)
         }
+
+
+def phase_rows(registers: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return name, time [s], drawn energy [J] and mean power [W] of each phase that was met."""
+    return [
+        {
+            "name": phase.name,
+            "seconds": time_ns * NANOSECOND,
+            "energy": microjoule / 1e6,
+            "mean": json_number(microjoule * 1e3 / time_ns, 5),
+        }
+        for phase, time_ns, microjoule in zip(Phase, *registers["phases"], strict=True)
+        if time_ns > 0
+    ]
 
 
 def net_energy(registers: dict[str, Any]) -> float:

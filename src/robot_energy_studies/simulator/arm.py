@@ -25,23 +25,14 @@ ROTOR_MASS = 1e-3  # kg, of the body that turns; the mass of a motor is part of 
 
 @dataclass(frozen=True)
 class Body:
-    """A link and the revolute joint before it; frames are parallel at the zero pose.
+    """A link and the revolute joint before it; frames are parallel at the zero pose."""
 
-    Attributes:
-        joint: Name of the joint.
-        place: Of the joint in the frame of the link before, shape (3,). [m]
-        axis: Of the joint, shape (3,). [-]
-        mass: [kg]
-        centre: Of mass, shape (3,). [m]
-        inertia: About the centre of mass, shape (3, 3). [kg m^2]
-    """
-
-    joint: str
-    place: Float
-    axis: Float
-    mass: float
-    centre: Float
-    inertia: Float
+    joint: str  # name of the joint
+    place: Float  # of the joint in the frame of the link before, shape (3,) [m]
+    axis: Float  # of the joint, shape (3,) [-]
+    mass: float  # [kg]
+    centre: Float  # of mass, shape (3,) [m]
+    inertia: Float  # about the centre of mass, shape (3, 3) [kg m^2]
 
     def with_load(self, mass: float, centre: Float, inertia: Float) -> Body:
         """Return the link with something fixed to it.
@@ -62,22 +53,14 @@ class Body:
 
 @dataclass(frozen=True)
 class ElasticArm:
-    """A chain of bodies with one drive for each joint, shape (n,) each.
-
-    Attributes:
-        gear_ratio: Motor angle over joint angle. [-]
-        rotor_inertia: About its axis, motor side. [kg m^2]
-        stiffness: Of the gear, joint side. [N m/rad]
-        damping: Of the gear, joint side. [N m s/rad]
-        carrier: Index of the link on which each motor sits, -1 for the base.
-    """
+    """A chain of bodies with one drive for each joint, shape (n,) each."""
 
     bodies: tuple[Body, ...]
-    gear_ratio: Float
-    rotor_inertia: Float
-    stiffness: Float
-    damping: Float
-    carrier: tuple[int, ...]
+    gear_ratio: Float  # motor angle over joint angle [-]
+    rotor_inertia: Float  # about its axis, motor side [kg m^2]
+    stiffness: Float  # of the gear, joint side [N m/rad]
+    damping: Float  # of the gear, joint side [N m s/rad]
+    carrier: tuple[int, ...]  # index of the link on which each motor sits, -1 for the base
 
     def mjcf(self, step: float) -> str:
         """Return the model as MuJoCo reads it, joints ``q0`` ... and rotors ``m0`` ...

@@ -55,21 +55,13 @@ METER_NOISE = 0.002  # of a reading
 
 @dataclass(frozen=True)
 class DrawnSensors:
-    """Constant errors of the sensors of one robot.
+    """Constant errors of the sensors of one robot."""
 
-    Attributes:
-        temperature_offset: Shape (n,). [K]
-        meter_gain: [-]
-        meter_lag: Time constant of the meter. [s]
-        meter_delay: Of its stamps. [s]
-        seed: Of the noise.
-    """
-
-    temperature_offset: Float
-    meter_gain: float
-    meter_lag: float
-    meter_delay: float
-    seed: int
+    temperature_offset: Float  # shape (n,) [K]
+    meter_gain: float  # [-]
+    meter_lag: float  # time constant of the meter [s]
+    meter_delay: float  # of its stamps [s]
+    seed: int  # of the noise
 
 
 def drawn_sensors(seed: int, n_joints: int) -> DrawnSensors:

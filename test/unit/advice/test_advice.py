@@ -36,9 +36,8 @@ from robot_energy_fleet.advice.evidence import (
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.documents.advice import TITLES, advice_document
 from robot_energy_history.store import HistoryStore
-from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.motion.ptp import MotionLimits, Program
 from robot_energy_plan.motion.ptp_file import program_for, read_program
-from robot_energy_plan.motion.ptp_loop import Program
 from robot_energy_plan.optimization.rest_states import RestState
 from robot_energy_report.document import Document, Table, Text
 from sound_recordings import write_states

@@ -187,7 +187,6 @@ def test_points_without_derivatives_are_passed_smoothly_from_rest_to_rest():
         ({"time": TIME[[0, 2, 1, 3]]}, "point 3 comes at 0.4 s, after one at 1 s"),
         ({"time": TIME[:1], "joint_position": np.zeros((1, 2))}, "1 points"),
         ({"joint_position": np.full((4, 2), np.nan)}, "a position is not finite"),
-        ({"joint_velocity": np.zeros((4, 3))}, r"velocity of shape \(4, 3\)"),
         ({"joint_names": ("a", "a")}, "each joint once"),
     ],
 )

@@ -52,5 +52,3 @@ def test_robots_of_one_cell_do_not_start_together():
 def test_levelling_needs_a_common_cycle():
     with pytest.raises(MotionError, match="no cycle time"):
         re.optimize(MOVES, "kr16", 40.0, level=[MOVES])
-    with pytest.raises(MotionError, match="two robots or more"):
-        level_starts([np.ones(3)], 1.0)

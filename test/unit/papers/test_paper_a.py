@@ -13,9 +13,8 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.replay.bag_replay import replay
 from robot_energy_cli import main
 from robot_energy_papers.experiment import make_programs, soaked
-from robot_energy_papers.held_out import held_out
 from robot_energy_papers.job_pool import StudyRun
-from robot_energy_papers.models import FOLLOWS, identify
+from robot_energy_papers.models import FOLLOWS, held_out, identify
 from robot_energy_papers.paper_a import HOLD, QUICK, RISE, record_test, study
 from robot_energy_papers.soaked_rigs import ALL, Rigs, configurations, effect_row
 from robot_energy_rig import RigConfig, load_profile

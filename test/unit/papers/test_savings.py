@@ -7,8 +7,8 @@ import json
 import pytest
 
 from robot_energy_cli.main import main
-from robot_energy_studies.judged_savings import JudgedSaving
 from robot_energy_studies.savings import _shares, exceeded_limits
+from robot_energy_studies.savings_study import JudgedSaving
 
 
 def judged(claim, half, truth):

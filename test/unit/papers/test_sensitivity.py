@@ -95,11 +95,6 @@ def test_none_reproduces_and_switches_have_nothing_between():
     assert found.rows[1].reproduces == 1.0
 
 
-def test_figures_must_rise():
-    with pytest.raises(ValueError, match="do not rise"):
-        figure("a", 2, 1, 3)
-
-
 def test_friction_of_the_long_axis_by_hand(walls):
     """Force times way: 2.4 m of every layer are along the long axis."""
     table = walls["mechanical, magnitude"]
