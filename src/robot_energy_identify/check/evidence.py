@@ -160,11 +160,8 @@ def evidence_of(
 ) -> Evidence:
     """Return the evidence in what the stages of the monitor gave.
 
-    Args:
-        power: Of the same samples, of some of them, or None.
-        inputs: How the recording was read; None: as the types of its topics say.
-        carried: Payload in force at the end; None: that of the model.
-        beyond_torque: As in `Evidence`; None: from these samples.
+    The power may be of some of the samples; the payload carried at the end is that of the model
+    where it is None, and joints beyond their torque limit are counted from these samples.
     """
     robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
     if beyond_torque is None:
@@ -212,11 +209,7 @@ def evidence_of(
 
 
 def joined(parts: Sequence[Evidence]) -> Evidence:
-    """Return recordings of one robot as one, of at most as many samples as three.
-
-    Args:
-        parts: Thinned, with one model and payload; at least one.
-    """
+    """Return thinned recordings of one robot and payload as one, of as many samples as three."""
     parts = [one.rows(slice(None, None, -(-len(parts) // 3))) for one in parts]
     columns = {name: np.concatenate([getattr(one, name) for one in parts]) for name in BY_SAMPLE}
     return replace(parts[0], **columns)
@@ -236,16 +229,10 @@ def moving(model: RobotModel, stamps: Int, velocity: Float) -> NDArray[np.bool_]
 
 
 def velocity_noise(stamps: Int, velocity: Float) -> Float:
-    """Return the noise of each joint's velocity, in its unit, NaN with too few samples, shape (n,).
+    """Return the noise of each joint's velocity, NaN with too few samples, as in `moving`, (n,).
 
-    It is from the quietest stretches, at rest or at constant speed.
-
-    The standard deviation about a straight line within windows of a quarter of a second, of
-    which the lowest twentieth counts.
-
-    Args:
-        stamps: Rising, shape (N,). [ns]
-        velocity: Shape (N, n). [rad/s] or [m/s]
+    It is from the quietest stretches, at rest or at constant speed: the standard deviation about a
+    straight line within windows of a quarter of a second, of which the lowest twentieth counts.
     """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:

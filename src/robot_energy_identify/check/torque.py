@@ -161,8 +161,7 @@ def _unseen_causes(fit: TorqueFit, tried: list[tuple[Cause, TorqueFit]]) -> list
 def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[list[Finding], str]:
     """Return findings on the torque against the model, and why there cannot be any.
 
-    Args:
-        parts: Each of them, thinned: what makes one of them less likely is not blamed.
+    What makes one of the ``parts``, thinned, less likely is not blamed.
     """
     if evidence.effort is EffortMeaning.NONE:
         why = f"the meaning of the effort is not stated: set {EFFORT}"

@@ -42,11 +42,7 @@ YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
 
 
 class Kept:
-    """A bag that was read, and what later models and folds ask of it again.
-
-    Attributes:
-        rows: Of the dynamics, see `robot_energy_identify.data.observations.observe`.
-    """
+    """A bag that was read, what later models and folds ask of it again, and rows of dynamics."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
@@ -74,11 +70,7 @@ class Kept:
         self._newest = self.recording
 
     def piece(self, span: Span, read: Callable[[], Recording]) -> MotionBlock:
-        """Return the motion in a part of the bag with every sample, which is read once.
-
-        Args:
-            read: Reads it with the model of the recording.
-        """
+        """Return the motion in a part of the bag with every sample, which is read once."""
         if span not in self._pieces:
             self._pieces[span] = read().motion
         return self._pieces[span]
@@ -260,11 +252,7 @@ class Fold(Described):
 
 
 def blocks_of(span: Span) -> tuple[list[Span], int]:
-    """Return the blocks of a recording that are held out in turn, and the time around each. [ns]
-
-    Args:
-        span: First and last stamp. [ns]
-    """
+    """Return the blocks of a span that are held out in turn, and the time around each. [ns]"""
     start, end = span
     edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
     guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
@@ -274,15 +262,10 @@ def blocks_of(span: Span) -> tuple[list[Span], int]:
 def folds_of(
     bags: Sequence[Bag], tests: Sequence[Bag], spans: Sequence[Span]
 ) -> tuple[HeldOutKind, list[Fold]]:
-    """Decide what is held out.
+    """Return what is held out, by kind, and the folds.
 
-    Args:
-        tests: Bags for the test alone; may be empty.
-        spans: First and last stamp of each bag of the fit. [ns]
-
-    Returns:
-        ``test`` where there are such bags, ``recordings`` where there are several, else
-        ``blocks``; and the folds.
+    ``test`` where bags are for the test alone, ``recordings`` where there are several, else blocks
+    of the span, from first to last stamp [ns], of the only one.
     """
     if tests:
         require_distinct([bag.path for bag in bags], [bag.path for bag in tests])

@@ -109,13 +109,10 @@ def observe(
     filters: Filters,
     seen: Rows | None = None,
 ) -> Observations:
-    """Return the rows of recorded channels, in the order of the recording.
+    """Return the rows of recorded channels without gaps, of one rate, in the order of recording.
 
-    Args:
-        channels: Stretches of the recording without gaps, one rate for all.
-        torque_model: Of the robot; its payload is known and taken off the torque.
-        seen: What was made of the same motion of the same robot, and is not made again; more is
-            added. None: nothing.
+    The payload is known and taken off the torque. Rows of the same motion of the same robot that
+    were ``seen`` are not made again; more are added.
     """
     made: Rows = {} if seen is None else seen
     known = set(made)

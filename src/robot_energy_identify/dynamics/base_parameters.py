@@ -118,13 +118,10 @@ def base_parameters(columns: Float, names: Sequence[str]) -> BaseParameters:
 
 
 def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the groups that a recording cannot determine, by name.
+    """Return the groups that a recording does not determine: silent, or that others explain.
 
     Args:
         columns: Of independent parameters, on the recorded motion, shape (M, B). [N m/parameter]
-
-    Returns:
-        Those without any torque in the recording, and those that others explain.
     """
     if len(columns) < columns.shape[1]:
         return tuple(labels)

@@ -126,20 +126,12 @@ class Dynamics(Described):
         return torque_error(rows, self._held_out(rows, self._values))
 
     def held_out_consistent(self) -> TorqueError:
-        """Torque error of the model file on contiguous folds held out.
-
-        The physically consistent fit without the offsets of the torque channels, which a
-        model file does not hold.
-        """
+        """Torque error of the model file, without offsets, on contiguous folds held out."""
         return torque_error(self.observations, self.predict_held_out())
 
     @one_thread
     def predict_held_out(self) -> Float:
-        """Return what the model file says of every contiguous fold, fitted to the others.
-
-        Returns:
-            Joint torque at the rows of `observations`, shape (N, n). [N m] or [N]
-        """
+        """Return joint torque (N, n) [N m] of a model file, each fold fitted to the others."""
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
         prior = _prior(self.model, torque_model, self.settings.offset, rows)
@@ -164,9 +156,8 @@ class Dynamics(Described):
     def held_out_given_bodies(self) -> TorqueError:
         """Torque error on contiguous folds held out, with the bodies that it began with.
 
-        Rotors, friction and offsets are refitted in every fold and offsets left out of the
-        prediction, so that the difference to `held_out_consistent` is what the identified
-        bodies are worth.
+        All else is refitted in every fold, so that the difference to `held_out_consistent` is what
+        the identified bodies are worth.
         """
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
@@ -212,16 +203,10 @@ class Dynamics(Described):
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
-    """Return a robot's dynamics as recordings determine them.
+    """Return a robot's dynamics as stretches of recordings without gaps, of one rate, show them.
 
-    Args:
-        channels: Stretches of recordings without gaps, one rate for all.
-        model: Kinematics, drivetrain, payload, and bodies as the prior. A counterbalance whose
-            strength is assumed is identified, any other taken as known.
-
-    Raises:
-        NotIdentifiableError: If the recording does not determine the parameters; names them and
-            what to record instead.
+    The bodies of the model are the prior. A counterbalance whose strength is assumed is
+    identified, any other taken as known. What is not determined is refused by name.
     """
     settings = settings or DynamicsSettings()
     springs = open_springs(model)

@@ -58,11 +58,7 @@ def across_recordings(
     model: RobotModel,
     settings: DynamicsSettings | None = None,
 ) -> LeaveOneOut:
-    """Return predictions of every recording, held out once, next to what was measured.
-
-    Args:
-        recordings: Stretches of each recording by its name, two or more.
-    """
+    """Return predictions of each of several recordings, held out once, and what was measured."""
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}
     judgements: list[HoldOutResult] = []

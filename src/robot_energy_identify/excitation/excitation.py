@@ -160,8 +160,7 @@ def optimise_excitation(
     """Return the motion, best of all starts, that determines the base parameters, within limits.
 
     Args:
-        limits: What the motion keeps to, at 1 kHz in the end.
-        progress: Called with the share done.
+        progress: Called with the share done. [-]
     """
     settings = settings or ExcitationSettings()
     basis = FourierBasis(settings.harmonics, settings.period)

@@ -38,12 +38,7 @@ class RobotText(Described):
 
 
 def read_description(source: str | Path, arguments: Sequence[str] = ()) -> RobotText:
-    """Return the text of a URDF, not checked yet: of a file, expanded from xacro, or in a bag.
-
-    Args:
-        source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
-        arguments: Arguments of the xacro file, each ``name:=value``.
-    """
+    """Return the text of a URDF, not checked yet: of a file, expanded from xacro, or in a bag."""
     path = Path(source)
     if path.is_dir() or path.suffix in (".mcap", ".db3", ".zstd"):
         return _from_bag(path)

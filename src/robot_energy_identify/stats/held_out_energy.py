@@ -119,11 +119,7 @@ class HeldOutEnergy(Described):
         return tuple(entry for entry in self.metered if entry.beyond > OUTSIDE)
 
     def mean_error(self, stage: str, entries: Sequence[Tested] | None = None) -> float:
-        """Return the mean size of the energy error at the meter.
-
-        Args:
-            entries: Of which recordings; None for all that can be compared.
-        """
+        """Return the mean size of the energy error at the meter, of some recordings or of all."""
         chosen = self.metered if entries is None else entries
         return float(np.mean([abs(entry.error(stage)) for entry in chosen]))
 
@@ -175,8 +171,7 @@ def held_out_energy(
     """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
-        whole: Identified from all bags of the fit; it is what a ``test`` is made with.
-        progress: Called with what is going on and the share done, 0 to 1.
+        progress: Called with what is going on and the share done. [-]
     """
     stages = (GIVEN, *(step.subject for step in whole.steps))
     tested: list[tuple[int, Tested]] = []  # with the place among the bags

@@ -56,11 +56,9 @@ class Fit(Described):
     ] = field(default_factory=dict[str, Float])
 
     def errors(self) -> dict[str, Float]:
-        """Return independent errors of the parameters by cause, those of the scatter too.
+        """Return moves by one deviation of independent errors by cause, shape (P, errors) each.
 
-        Returns:
-            Moves by one deviation of each, shape (P, errors) each; their products sum to the
-            covariance.
+        Their products, with those of the scatter, sum to the covariance.
         """
         rest = self.covariance - sum(
             (moves @ moves.T for moves in self.moves.values()), np.zeros_like(self.covariance)
@@ -246,16 +244,12 @@ def independent(columns: Float, least: Float) -> list[int]:
 
 
 def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
-    """Compress weighted rows to a triangle with the same sums of squares.
+    """Return R (K, P) and b (K,) with ``|R x - b|^2`` the weighted squares of x but for a constant.
 
     Args:
         columns: Shape (N, n, P). [target/parameter]
         target: Shape (N, n). [any unit]
         weight: Shape (N, n); rows of weight 0 are left out. [1/target]
-
-    Returns:
-        R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
-        squares of x but for a constant; K is P, or less where rows are few.
     """
     size = columns.shape[2]
     triangle = np.zeros((0, size + 1))
@@ -329,12 +323,7 @@ def regress(
 ) -> Fit:
     """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
-    Args:
-        columns: Shape (N, P), finite. [target/parameter]
-        target: Shape (N,), finite. [any unit]
-        block: Number of the contiguous block that each sample belongs to, shape (N,).
-        base: QR decomposition of the columns where it is known, shapes (N, P) and (P, P).
-            [target/parameter]
+    Columns, target and their decomposition as in `fit`; blocks are contiguous.
     """
     check_shape("target", target.shape, (len(columns),))
     known = np.linalg.qr(columns) if base is None else base
