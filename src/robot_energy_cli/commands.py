@@ -9,7 +9,6 @@ from robot_energy_cli import (
     identify,
     identify_drives,
     identify_dynamics,
-    identify_excitation,
     listings,
     models,
     motions,
@@ -26,7 +25,7 @@ IDENTIFY = Group(
     "what",
     "WHAT",
     lambda: (
-        identify.ALL, identify_excitation.COMMAND, identify.FRICTION, identify_dynamics.COMMAND,
+        identify.ALL, identify_dynamics.EXCITATION, identify.FRICTION, identify_dynamics.DYNAMICS,
         identify.CABINET, identify_drives.COMMAND, identify.THERMAL, identify.AUXILIARY,
     ),
 )  # fmt: skip

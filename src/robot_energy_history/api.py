@@ -239,7 +239,9 @@ def _by_shift(
         "stop_ns": np.array([bounds[key[0] + 1] for key, *_ in rows], dtype=np.int64),
         "shift": np.array([key[1] for key, *_ in rows], dtype=str),
     }
-    columns |= _columns([(found[key], place) for key, _, place in rows], (*ENERGIES, *PRICED))
+    for name in (*ENERGIES, *PRICED):
+        own = [found[key][name][place] for key, _, place in rows]
+        columns[name] = np.array(own, dtype=_kind(name))
     starts = np.array([bounds[key[0]] for key, *_ in rows], dtype=np.int64)
     units = {"stop_ns": "ns", **dict.fromkeys(ENERGIES, "uJ")}
     return _history(TimeSeries(starts, columns, units=units), spans, currency=currency)
@@ -262,14 +264,6 @@ def _priced(
 
 def _kind(name: str) -> type:
     return np.int64 if name.endswith("_microjoule") else float
-
-
-def _columns(rows: Sequence[tuple[Costs, int]], names: Sequence[str]) -> dict[str, Column]:
-    """Columns of costs, a row of each part and place of a robot in it."""
-    return {
-        name: np.array([one[name][place] for one, place in rows], dtype=_kind(name))
-        for name in names
-    }
 
 
 def _history(

@@ -91,8 +91,8 @@ MODULES = {
     """,
     "robot_energy_cli": """
         command commands dashboards fleet history identify identify_drives identify_dynamics
-        identify_excitation identify_inputs listings main model_reference models motions
-        recordings replay replay_arguments result_schema simulate terminal
+        identify_inputs listings main model_reference models motions recordings replay
+        replay_arguments result_schema simulate terminal
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify

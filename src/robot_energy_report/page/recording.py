@@ -88,8 +88,4 @@ def _counted(sentences: list[str]) -> Iterable[tuple[int, str]]:
 
 def _batch(msgtype: str, rows: NDArray[np.uint8]) -> RawBatch:
     """Messages of equal size, one a row, as a batch."""
-    count, size = rows.shape
-    times = np.zeros(count, dtype=np.int64)
-    length = np.full(count, size, dtype=np.int64)
-    offset = np.arange(count, dtype=np.int64) * size
-    return RawBatch("page", msgtype, times, np.ascontiguousarray(rows).reshape(-1), offset, length)
+    return RawBatch.from_messages("page", msgtype, [0] * len(rows), [one.tobytes() for one in rows])
