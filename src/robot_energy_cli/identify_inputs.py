@@ -127,9 +127,7 @@ class IdentifyInputs:
     def check_source(self, needs_effort: bool = False, relative: str = "") -> None:
         """Refuse bags together with logs, without what they need, or one recording twice.
 
-        Args:
-            needs_effort: Whether the command uses the effort in the joint states of bags.
-            relative: Why a log, which needs its mapping, makes no model file; empty where it does.
+        ``relative`` says why a log, which needs its mapping, makes no model file.
         """
         from robot_energy_identify.provenance import require_distinct
 

@@ -127,14 +127,7 @@ class Parser(ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """Refuse unknown options first, so that they are not reported as missing ones.
-
-        Args:
-            args: Words of the command line; None for those of the process.
-
-        Returns:
-            The values, and no words that are left.
-        """
+        """Return the values, no words; unknown options are refused first, not as missing ones."""
         self.complete()
         words = list(sys.argv[1:] if args is None else args)
         for word in words:

@@ -141,12 +141,7 @@ def job_sums(
     folder: str | Path, bounds: Sequence[int], robots: Sequence[str],
     names: Sequence[str] = JOB_SUMS,
 ) -> TimeSeries:  # fmt: skip
-    """Return what `history_jobs` does, of all that is summed or of some.
-
-    Args:
-        bounds: Where parts of the time begin, and the end of the last. [ns]
-        names: Of `JOB_SUMS`, the energy from the grid among them.
-    """
+    """Return what `history_jobs` does, between bounds [ns], of all that is summed or of some."""
     with reader(folder) as connection:
         found = jobs(connection, robots_of(connection, robots), bounds, names)
     used = names.index("predicted_import_microjoule") - len(names)

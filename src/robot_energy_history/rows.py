@@ -63,15 +63,7 @@ def attempt(connection: sqlite3.Connection, work: Callable[[], T]) -> T | None:
 def put_slot(
     connection: sqlite3.Connection, level: int, key: tuple[int, ...], span: CountedSpan
 ) -> int:
-    """Add a span to a slot of a level.
-
-    Args:
-        level: Length of its slots. [min]
-        key: Begin, robot, epoch, end, flags and most energy within a minute of the slot.
-
-    Returns:
-        The energy from the grid in the slot. [uJ]
-    """
+    """Return the energy from the grid in a slot of a level [min] that a span is added to. [uJ]"""
     ((imported,),) = connection.execute(SLOTS[level], (*key, *span.values)).fetchall()
     if level in JOINTS:
         connection.executemany(
@@ -84,14 +76,7 @@ def put_slot(
 def put_epoch(
     connection: sqlite3.Connection, robot: int, origin: str, epoch: Epoch, number: int
 ) -> int:
-    """Note where an epoch stands.
-
-    Args:
-        number: Its number; 0 for a new one.
-
-    Returns:
-        Its number.
-    """
+    """Return the number of an epoch whose state is noted; 0 makes a new one."""
     texts = (text_of(epoch.last), epoch.known_until_ns, epoch.newest_ns)
     if number:
         connection.execute(

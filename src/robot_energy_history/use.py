@@ -64,10 +64,7 @@ def costs(
 ) -> dict[tuple[int, str], Costs]:
     """Return what robots used and paid, by the number of the part and the shift, if asked for.
 
-    Args:
-        bounds: Where parts begin, and the end of the last; of quarter hours or coarser. [ns]
-        tariffs: In order of their begin.
-        by_shift: Whether each shift is apart; else all are one, with an empty name.
+    Parts are of quarter hours or coarser, tariffs in order of their begin.
     """
     places = {number: place for place, number in enumerate(robots.values())}
     edges = np.array(bounds, dtype=np.int64)

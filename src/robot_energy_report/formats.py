@@ -105,11 +105,7 @@ def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | No
 
 
 def plus_minus(share: float | None) -> str:
-    """Return the half width of a band in per cent.
-
-    Args:
-        share: Half width over the value; None where it is not known. [-]
-    """
+    """Return the half width of a band in per cent; argument as in `percent`."""
     return NOTHING if share is None else f"+- {percent(share)}"
 
 
@@ -209,12 +205,9 @@ def uncertain(value: float, std: float) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a text with true signs and units: minus, plus-minus, degrees, dots and powers.
+    """Return a text of ASCII with true signs and units: minus, plus-minus, degrees, powers.
 
     It changes numbers and units only: a ``-`` before a digit, not one inside of a name.
-
-    Args:
-        text: In ASCII, such as ``-0.5 degC``, ``29 +- 30 N m s/rad`` or ``3.2e-05 kg m^2``.
     """
     for pattern, sign in SIGNS:
         text = re.sub(pattern, sign, text)
@@ -239,11 +232,7 @@ def jobs_left_out(count: int) -> str:
 
 
 def grouped(notes: Sequence[str]) -> list[str]:
-    """Return notes of the form ``name: text`` with one line for all names of the same text.
-
-    Args:
-        notes: One sentence each; those without a name stay as they are.
-    """
+    """Return notes of the form ``name: text`` with one line for all names of the same text."""
     names: dict[str, list[str]] = {}
     for note in notes:
         name, colon, text = note.partition(": ")

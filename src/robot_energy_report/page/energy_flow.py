@@ -195,11 +195,7 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
 
 
 def registers_picture(registers: dict[str, Any]) -> FlowPicture | None:
-    """Return flows since the registers were zero, in units readable in Wh; None: unknown.
-
-    Args:
-        registers: As `PageReaders.registers` returns them. [J]
-    """
+    """Return flows since the registers were zero, in units readable in Wh; None: unknown."""
     joints = registers["joints"]
     parts = FlowParts(
         [shown(joint["name"]) for joint in joints],

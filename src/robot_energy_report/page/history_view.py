@@ -364,11 +364,7 @@ class HistoryView:
         return job_sums(self.folder, bounds, wish.robots, names)
 
     def _jobs(self, wish: Wish, ended: Sequence[Row], before: Period) -> list[dict[str, Any]]:
-        """Jobs of each name and robot that ended in all parts, next to those of the period before.
-
-        Args:
-            ended: Of each part of the period, or of all of it.
-        """
+        """Jobs of each name and robot that ended, next to those of the period before."""
         earlier = rows_of(self._ended(wish, before, whole=True))
         means = {(one["robot"], one["job"]): one["microjoule_per_part"] / 1e6 for one in earlier}
         sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)

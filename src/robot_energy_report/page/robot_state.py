@@ -131,11 +131,7 @@ class RobotState:
         self._intervals = list(intervals)
 
     def stale(self, now: float) -> bool:
-        """Whether no power state has arrived for too long.
-
-        Args:
-            now: As of `take_power`. [s]
-        """
+        """Whether no power state has arrived for too long; time as in `RobotState.take_power`."""
         if not self._live:
             return False
         if self._received is None or self._newest is None:
@@ -150,7 +146,7 @@ class RobotState:
     def power(self, now: float) -> dict[str, Any]:
         """Return the few figures that change several times a second, as plain values.
 
-        Argument as in `RobotState.stale`.
+        Argument as in `RobotState.take_power`.
         """
         newest = self._newest
         stale = self.stale(now)
@@ -172,7 +168,7 @@ class RobotState:
     def snapshot(self, now: float) -> dict[str, Any]:
         """Return everything but the history as plain values; None where unknown or stale.
 
-        Argument as in `RobotState.stale`.
+        Argument as in `RobotState.take_power`.
         """
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
@@ -202,7 +198,7 @@ class RobotState:
         }
 
     def overview(self, now: float) -> dict[str, Any]:
-        """Return a row among many robots as plain values; argument as in `RobotState.stale`."""
+        """Return a row among many robots; argument as in `RobotState.take_power`."""
         power, found = self.power(now), self._registers
         return {
             "name": self.name,
