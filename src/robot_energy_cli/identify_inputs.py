@@ -101,11 +101,7 @@ class IdentifyInputs:
         return SensorLimits(**given)
 
     def link_voltages(self) -> tuple[float, float] | None:
-        """Return the voltages of the DC link, None if they were not given.
-
-        Returns:
-            Rectified mains, and the voltage at which the brake chopper starts. [V]
-        """
+        """Return rectified mains and start of the brake chopper [V]; None if not given."""
         if self.args.link_voltages is None:
             return None
         low, high = self.args.link_voltages

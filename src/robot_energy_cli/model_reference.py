@@ -27,10 +27,7 @@ A **figure** is a number with the way it is known:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema (2020-12) of model files, with a description at every key.
-
-    Kinds that the user registered are in it.
-    """
+    """Return the JSON schema (2020-12) of model files with registered kinds, all keys described."""
     schema = RobotModel.model_json_schema(schema_generator=_Generator)
     schema["properties"]["drive"]["enum"] = list(DRIVE_MODELS)
     return {"$schema": _DIALECT, **schema, "title": f"Model file, version {SCHEMA_VERSION}"}

@@ -215,11 +215,7 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
 
 @contextmanager
 def reader(folder: str | Path) -> Generator[sqlite3.Connection]:
-    """Give a connection that reads one state of a history, whatever is written meanwhile.
-
-    Yields:
-        The connection.
-    """
+    """Yield a connection that reads one state of a history, whatever is written meanwhile."""
     with closing(open_reader(folder)) as connection:
         try:
             connection.execute("BEGIN")

@@ -57,11 +57,7 @@ class WaitingNotes:
     def write(
         self, connection: sqlite3.Connection, until_ns: int, number: Callable[[str], int]
     ) -> int:
-        """Put all into a history.
-
-        Returns:
-            How many were refused, as the tables cannot hold them.
-        """
+        """Return how many the tables cannot hold, of all that is put into a history."""
         jobs = (
             (robot, partial(put_job, connection, until_ns), job)
             for (robot, _, _), job in self._jobs.items()

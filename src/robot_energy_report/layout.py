@@ -55,11 +55,7 @@ def fitted_table(
     width: int,
     total: Sequence[str] | None = None,
 ) -> Group:
-    """Lay out a table: first column left, prose left, the others right.
-
-    Returns:
-        One table or several below each other; to be printed without cropping.
-    """
+    """Return one table or several below each other, prose left, to be printed without cropping."""
     parts: list[_Column] = []
     for index, name in enumerate(columns):
         cells = tuple(row[index] for row in (*rows, *([] if total is None else [total])))

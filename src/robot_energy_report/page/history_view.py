@@ -210,11 +210,7 @@ class HistoryView:
         return Wish(period, tuple(dict.fromkeys(asked.get("robot", ()))), group)
 
     def answer(self, wish: Wish, now_ns: int) -> dict[str, Any]:
-        """Return what the page draws.
-
-        Returns:
-            Energies in J, times in s since 1970; None where nothing was recorded.
-        """
+        """Return what the page draws: energies in J, times in s since 1970; None: not recorded."""
         with reader(self.folder) as connection:
             known = list(robots_of(connection))
             robots_of(connection, wish.robots)

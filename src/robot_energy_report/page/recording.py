@@ -27,13 +27,9 @@ BAD_BAG = "record it again; what could be read is shown"
 
 
 class RecordedPage:
-    """Fills a page from a replay.
+    """Fills a page from a replay."""
 
-    Attributes:
-        period: Of the means that go into the history. [s]
-    """
-
-    period = 0.1
+    period = 0.1  # of the means that go into the history [s]
 
     def __init__(self, title: str, model: RobotModel, settings: PageSettings) -> None:
         self.hub = PageHub(title, settings, live=False)

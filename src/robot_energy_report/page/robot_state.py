@@ -144,10 +144,7 @@ class RobotState:
         return self._registers
 
     def power(self, now: float) -> dict[str, Any]:
-        """Return the few figures that change several times a second, as plain values.
-
-        Argument as in `RobotState.take_power`.
-        """
+        """Return the figures that change several times a second; as in `RobotState.take_power`."""
         newest = self._newest
         stale = self.stale(now)
         if newest is None:
@@ -166,10 +163,7 @@ class RobotState:
         return {name: ring.table() for name, ring in self.rings.items()}
 
     def snapshot(self, now: float) -> dict[str, Any]:
-        """Return everything but the history as plain values; None where unknown or stale.
-
-        Argument as in `RobotState.take_power`.
-        """
+        """Return all but the history, None where unknown; time as in `RobotState.take_power`."""
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
         seen = newest is not None and not stale
