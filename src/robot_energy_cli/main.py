@@ -56,7 +56,6 @@ class WrappedHelp(HelpFormatter):
 
 
 def _indented(line: str, width: int) -> list[str]:
-    """One line as several that are no wider."""
     if len(line) <= width:
         return [line]
     own = " " * (len(line) - len(line.lstrip()))
@@ -164,8 +163,6 @@ def _near(word: str, names: Sequence[str]) -> str:
 
 
 class _Version(Action):
-    """Says the version, and whether the compiled kernels are in use."""
-
     def __call__(self, parser: ArgumentParser, *_: Any) -> None:
         from robot_energy.physics import kernels  # loads numpy
 

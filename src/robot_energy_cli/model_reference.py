@@ -34,8 +34,6 @@ def json_schema() -> dict[str, Any]:
 
 
 class _Generator(GenerateJsonSchema):
-    """Schema of models with the words of their annotations."""
-
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         found, kind = super().model_schema(schema), schema["cls"]
         prose = (kind.__doc__ or "").removesuffix(section_of(kind))
@@ -129,7 +127,6 @@ def _reached(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
 
 
 def _kind(field: dict[str, Any], titles: dict[str, str]) -> str:
-    """Say in words what a key holds."""
     if "$ref" in field:
         name = str(field["$ref"]).rsplit("/", 1)[-1]
         return {"Figure": "figure", "PositiveFigure": "figure >= 0"}.get(

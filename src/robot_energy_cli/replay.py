@@ -154,7 +154,6 @@ def _run_replay(args: Namespace) -> int:
 
 
 def _model(args: Namespace) -> tuple[RobotModel, str | None]:
-    """The model, and how its friction was changed."""
     from robot_energy.model import load
     from robot_energy.replay.api import fixed_friction
 

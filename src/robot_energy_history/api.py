@@ -222,7 +222,6 @@ def _by_shift(
     spans: TimeSeries,
     currency: str,
 ) -> History:
-    """Rows of each part, shift and robot that used energy in it."""
     rows = [
         (key, robot, place)
         for key in sorted(found)

@@ -267,8 +267,6 @@ class _Wish:
 
 
 class _Days(Described):
-    """Days of one robot whose energy is known, with what explains it."""
-
     stamps: Annotated[NDArray[np.int64], "Begin of each. [ns]"]
     energy: Annotated[Float, "Of each. [kWh]"]
     parts: Annotated[Float, "Jobs that ended in each."]

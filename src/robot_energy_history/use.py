@@ -219,7 +219,6 @@ class _Calendar:
     def _day(
         self, number: int, tariff: Tariff, first: int, following: int, zone: ZoneInfo
     ) -> NDArray[np.int64]:
-        """Numbers of uses of the quarter hours of a local day."""
         local = local_time(first, zone)
         if following - first != DAY_NS:
             clocks = (local_time(begin, zone) for begin in range(first, following, SLOT_NS))

@@ -298,5 +298,4 @@ def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:
 
 
 def _of(one: RecordingScore, name: str, what: str) -> float | None:
-    """One figure of a prediction; None where there is none."""
     return getattr(one.score(name), what, None)

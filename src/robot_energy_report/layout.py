@@ -26,8 +26,6 @@ BETWEEN = 2  # characters between two columns
 
 
 class _Column(Described):
-    """One column of a table."""
-
     name: str
     cells: tuple[str, ...]
     prose: bool
@@ -35,7 +33,6 @@ class _Column(Described):
 
     @property
     def width(self) -> int:
-        """Width of the widest line."""
         lines = (line for text in (self.name, *self.cells) for line in text.splitlines())
         return max((cell_len(line) for line in lines), default=0) or 1  # rich knows no 0
 

@@ -108,8 +108,8 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files notes outputs queries readings rollup rows savings
-        store tariffs use
+        api bags check differences files outputs queries readings rollup rows savings store
+        tariffs use
     """,
     "robot_energy_identify": """
         blas_threads bounds friction_and_thermal options plausibility provenance

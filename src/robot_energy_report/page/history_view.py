@@ -355,12 +355,10 @@ class HistoryView:
     def _ended(
         self, wish: Wish, period: Period, whole: bool, names: Sequence[str] = SHOWN_OF_JOBS
     ) -> TimeSeries:
-        """Jobs that ended, in each part of a period or in all of it."""
         bounds = [period.start_ns, period.stop_ns] if whole else period.bounds
         return job_sums(self.folder, bounds, wish.robots, names)
 
     def _jobs(self, wish: Wish, ended: Sequence[Row], before: Period) -> list[dict[str, Any]]:
-        """Jobs of each name and robot that ended, next to those of the period before."""
         earlier = rows_of(self._ended(wish, before, whole=True))
         means = {(one["robot"], one["job"]): one["microjoule_per_part"] / 1e6 for one in earlier}
         sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)

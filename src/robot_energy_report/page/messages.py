@@ -244,7 +244,6 @@ def net_energy(registers: dict[str, Any]) -> float:
 
 
 def _newest_rows(run: Run, entries: str, fields: Sequence[str]) -> list[dict[str, Any]]:
-    """Name and fields of each joint or load in the newest message of a run."""
     newest = {field: run.array(f"{entries}.{field}")[-1] for field in fields}
     return [
         {"name": name, **{field: float(newest[field][place]) for field in fields}}

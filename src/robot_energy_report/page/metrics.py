@@ -114,7 +114,6 @@ class _Robots(Collector):
         self._robots = robots
 
     def collect(self) -> Iterator[Any]:
-        """Yield every family with the samples of all robots."""
         families: dict[str, Any] = {}
         for metric in METRICS.values():
             kind = CounterMetricFamily if metric.counter else GaugeMetricFamily

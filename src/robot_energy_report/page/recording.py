@@ -83,5 +83,4 @@ def _counted(sentences: list[str]) -> Iterable[tuple[int, str]]:
 
 
 def _batch(msgtype: str, rows: NDArray[np.uint8]) -> RawBatch:
-    """Messages of equal size, one a row, as a batch."""
     return RawBatch.from_messages("page", msgtype, [0] * len(rows), [one.tobytes() for one in rows])

@@ -57,8 +57,6 @@ LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, 
 
 
 class _Recent(NamedTuple):
-    """Power states of about the last second, in order."""
-
     stamp_ns: Any
     period: Float
     parts: Float  # (N, terms of a flow and the powers)
@@ -241,7 +239,6 @@ class RobotState:
         }
 
     def _span(self, ring: HistoryRing) -> dict[str, Any]:
-        """Energy and covered time of a ring, and its covered share."""
         seconds, joule = float(ring.seconds()[0]), float(ring.energy()[0])
         return {
             "energy": json_number(joule),
