@@ -96,8 +96,6 @@ class HistoryRoutes:
         return {**self._view.answer(wish, now_ns), "control": self._control}
 
     def _json(self, answer: Answer) -> Callable[[Request], Awaitable[Response]]:
-        """Return the route that gives the answer to a wish."""
-
         async def route(request: Request) -> Response:
             def work(now_ns: int) -> str:
                 asked = _asked(request)
@@ -276,12 +274,10 @@ class PageApp:
 
 
 def _shown(request: Request) -> str:
-    """Name of the robot that a page shows; empty for the first."""
     return request.query_params.get("robot", "")
 
 
 async def _wish(request: Request) -> tuple[str, str, str] | None:
-    """Robot, action and text of a request for an action; None if it has none."""
     found = await _json_of(request, MAX_BODY)
     if not isinstance(found, dict):
         return None
@@ -382,7 +378,6 @@ def _takes_gzip(request: Request) -> bool:
 
 
 def _packed(request: Request, content: bytes, kind: str) -> Response:
-    """Return an answer, packed for who unpacks it."""
     if not _takes_gzip(request):
         return Response(content, media_type=kind)
     headers = {"content-encoding": "gzip", "vary": "accept-encoding"}
