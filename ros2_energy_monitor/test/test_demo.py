@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 
 from robot_energy.model import load
-from ros2_energy_monitor.demo import demo_identification
+from ros2_energy_monitor.demo import demo as demonstration
 
 BAGS = Path(__file__).parents[2] / "bags"
 LIMIT = 900.0  # s, on a machine that does much else
@@ -51,8 +51,8 @@ def processes_of_session(session: int) -> list[str]:
 
 
 def test_the_demo_identifies_the_model_of_its_bags(recording, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(demo_identification, "BAGS", (recording.name,))
-    file = demo_identification.identify_plant(recording.parent, tmp_path)
+    monkeypatch.setattr(demonstration, "TRAINING", (recording.name,))
+    file = demonstration.identify_plant(recording.parent, tmp_path)
     assert f"Identify: robot-energy identify all {recording} --model" in capsys.readouterr().out
     assert load(file).provenance.bags[0].startswith(f"{recording.name} sha256:")
 
@@ -103,7 +103,7 @@ def test_interrupted_demo_leaves_nothing_running(child_environment, tmp_path):
 
 OF_NODES = """
 import os, pathlib, signal, sys
-from ros2_energy_monitor.demo.live_study import NodeProcesses
+from ros2_energy_monitor.demo.node_processes import NodeProcesses
 with NodeProcesses(pathlib.Path(sys.argv[1]), dict(os.environ)) as nodes:
     nodes.start("console")
     print("started", flush=True)

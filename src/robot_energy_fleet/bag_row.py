@@ -14,7 +14,7 @@ from typing import Annotated, Any
 from robot_energy import __version__
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError

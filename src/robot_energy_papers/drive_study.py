@@ -22,7 +22,7 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel, load
 from robot_energy.model.drive_models import EfficiencyMap, LossMap
-from robot_energy.physics.drive import Drive, EfficiencyMaps, LossMaps, LossModel
+from robot_energy.physics.drives_and_cabinet import Drive, EfficiencyMaps, LossMaps, LossModel
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.drives.drives import (

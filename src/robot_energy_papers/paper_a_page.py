@@ -41,8 +41,11 @@ from robot_energy_papers.soaked_rigs import (
     EffectRow,
     error_spreads,
 )
-from robot_energy_report.friction_figure import friction_over_temperature
-from robot_energy_report.identification import friction_tables, losses_section
+from robot_energy_report.identification import (
+    friction_over_temperature,
+    friction_tables,
+    losses_section,
+)
 from robot_energy_report.replay_figures import Series, compared_series, power_and_energy
 
 PAPER = (

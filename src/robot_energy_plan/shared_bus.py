@@ -29,7 +29,7 @@ from robot_energy.foundation.units import SECOND_NS
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
-from robot_energy.physics.cabinet import CabinetStage, FanStage
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.physics.equations import Balance
 from robot_energy.pipeline import Output

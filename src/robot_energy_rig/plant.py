@@ -305,11 +305,6 @@ class ThermalNetwork:
         motor_temperature_degc: At the start, shape (n,). [degC]
         gear_temperature_degc: At the start, shape (n,). [degC]
         ambient_degc: [degC]
-
-    Attributes:
-        motor_temperature_degc: Now, shape (n,). [degC]
-        gear_temperature_degc: Now, shape (n,). [degC]
-        ambient_degc: Now. [degC]
     """
 
     def __init__(

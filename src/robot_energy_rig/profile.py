@@ -33,6 +33,11 @@ from robot_energy_plan.motion import MotionLimits
 KELVIN = 273.15  # K at 0 degC
 SHIFT = 0.7  # mm^2/s
 MIN_DEGC, MAX_DEGC = -40.0, 200.0
+POSITIVE = (
+    "stribeck_velocity", "torque_constant", "motor_capacity", "gear_capacity",
+    "motor_conductance", "gear_conductance", "acceleration",
+)  # fmt: skip
+"""Figures of a plant that are never 0."""
 
 
 class Lubricant(Described):
@@ -114,18 +119,19 @@ class SupplyProfile(Described):
     brake_resistance: Annotated[float, "[ohm]"]
 
     def __post_init__(self) -> None:
-        for name in ("capacitance", "brake_resistance", "rectified_voltage"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise RigError(f"the supply's {name} is {getattr(self, name)}", "a value > 0")
-        if not 0 < self.rectifier_efficiency <= 1:
+        voltages = self.rectified_voltage, self.chopper_off_voltage, self.chopper_on_voltage
+        if not (0 < voltages[0] < voltages[1] < voltages[2] < np.inf):
             raise RigError(
-                f"the rectifier efficiency is {self.rectifier_efficiency}", "a share in (0, 1]"
-            )
-        if not self.rectified_voltage < self.chopper_off_voltage < self.chopper_on_voltage:
-            raise RigError(
-                f"the link is rectified at {self.rectified_voltage} V, the chopper switches off at "
-                f"{self.chopper_off_voltage} V and on at {self.chopper_on_voltage} V",
+                "the link is rectified at {} V, the chopper switches off at {} V and on at {} "
+                "V".format(*voltages),
                 "rising voltages in this order",
+            )
+        efficiency, rest = self.rectifier_efficiency, (self.capacitance, self.brake_resistance)
+        if not (0 < efficiency <= 1 and 0 < min(rest) and max(rest) < np.inf):
+            raise RigError(
+                f"efficiency, capacitance and brake resistance of the supply are {efficiency}, "
+                f"{rest[0]} and {rest[1]}",
+                "a share in (0, 1], and values > 0",
             )
 
 
@@ -152,23 +158,16 @@ class HardEffects(Described):
     fan_off_degc: Annotated[float, "It stops below. [degC]"] = 40.0
 
     def __post_init__(self) -> None:
-        if not (self.elastic_deflection >= 0 and self.presliding_angle > 0):
+        sound = (
+            self.elastic_deflection >= 0, self.presliding_angle > 0, self.coulomb_fall >= 0,
+            0 < self.viscous_exponent <= 1, self.viscous_speed > 0, self.fan_power >= 0,
+            self.fan_off_degc < self.fan_on_degc,
+        )  # fmt: skip
+        if not all(sound):
             raise RigError(
-                f"the deflection is {self.elastic_deflection}, the presliding angle "
-                f"{self.presliding_angle}",
-                "a deflection >= 0 and an angle > 0",
-            )
-        if not (0 < self.viscous_exponent <= 1 and self.viscous_speed > 0):
-            raise RigError(
-                f"the viscous exponent is {self.viscous_exponent} at {self.viscous_speed} rad/s",
-                "an exponent in (0, 1] and a speed > 0",
-            )
-        if not (self.coulomb_fall >= 0 and self.fan_power >= 0):
-            raise RigError("the Coulomb fall or the fan power is negative", "figures >= 0")
-        if not self.fan_off_degc < self.fan_on_degc:
-            raise RigError(
-                f"the fan stops at {self.fan_off_degc} and starts at {self.fan_on_degc} degC",
-                "a start above the stop",
+                f"effects of the rig are {vars(self)}",
+                "an angle, an exponent and a speed > 0, the exponent at most 1, a fan that stops "
+                "below its start, other figures >= 0",
             )
 
 
@@ -211,30 +210,16 @@ class PlantProfile(Described):
     hard: Annotated[HardEffects, "Figures of effects that are off by default."] = HardEffects()
 
     def __post_init__(self) -> None:
-        n_joints = len(self.lubricant)
-        positive = {
-            "stribeck_velocity",
-            "torque_constant",
-            "motor_capacity",
-            "gear_capacity",
-            "motor_conductance",
-            "gear_conductance",
-            "acceleration",
-        }
-        arrays: dict[str, Float] = {
-            name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
-        }
-        for name, values in arrays.items():
-            if values.shape != (n_joints,):
-                raise RigError(
-                    f"the profile's {name} has shape {values.shape}",
-                    f"one figure for each of {n_joints} axes",
-                )
-            floor_ok = values > 0 if name in positive else values >= 0
-            if not (floor_ok & np.isfinite(values)).all():
+        for name, values in vars(self).items():
+            if not isinstance(values, np.ndarray):
+                continue
+            least = np.finfo(float).tiny if name in POSITIVE else 0.0
+            sound = (values >= least) & np.isfinite(values)
+            if values.shape != (self.n_joints,) or not sound.all():
+                sign = ">" if least else ">="
                 raise RigError(
                     f"the profile's {name} is {values.tolist()}",
-                    "finite figures > 0" if name in positive else "figures >= 0",
+                    f"a finite figure {sign} 0 for each of {self.n_joints} axes",
                 )
 
     @property

@@ -142,7 +142,7 @@ def test_bodies_that_are_a_guess_leave_a_note(bag: Path, tmp_path: Path) -> None
     assert "of a gear ratio 2 times the model's" in str(json.loads(out.read_text())["notes"])
 
 
-GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0, float("nan"))
+GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0)
 
 
 @pytest.mark.parametrize(
@@ -216,6 +216,33 @@ def test_what_does_not_fit_in_a_test_recording_is_a_note(bag: Path, tmp_path: Pa
     assert note.startswith("in the test: ")
     assert "the torque of all joints is 1.41 times" in note
     assert notes(1.0, "assumed") == ()
+
+
+@pytest.mark.parametrize("subject", ["all", "dynamics", "friction", "cabinet", "drives"])
+@pytest.mark.parametrize(
+    ("factor", "cause"),
+    [
+        (0.0, "the velocity of shoulder stays 0 while its positions move"),
+        (-1.0, "the velocity of shoulder has the opposite sign"),
+        (180 / np.pi, "one of them is in degrees"),
+    ],
+)
+def test_velocities_that_are_not_the_change_of_the_positions(
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    subject: str,
+    factor: float,
+    cause: str,
+) -> None:
+    """In one recording of two: each figure would take it up, and the model read much too low."""
+    other = rewrite(bag, tmp_path / "other", scaled(("velocity",), factor))
+    effort = [] if subject == "cabinet" else ["--effort", "motor_torque"]
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    said = run(tmp_path, capsys, subject, str(bag), str(other), "--model", path, *effort)
+    assert "robot-energy: other: " in said
+    assert cause in said
+    assert "joint_states: {velocity" in said
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(

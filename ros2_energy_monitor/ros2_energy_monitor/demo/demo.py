@@ -18,7 +18,7 @@ import os
 import socket
 import time
 import urllib.request
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -35,12 +35,48 @@ from robot_energy_report.page.headless_browser import find_browser, run_browser
 from robot_energy_report.printing import table
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
-from ros2_energy_monitor.demo.demo_identification import PLANT_SEED, bundled, identify_plant
-from ros2_energy_monitor.demo.live_study import NodeProcesses
+from ros2_energy_monitor.demo.node_processes import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
 
+PLANT_SEED = 1  # the first one; figures of the plant were not looked at
+TRAINING = ("drawn_train_cold", "drawn_train_middle", "drawn_train_warm")
+START = "kr16"  # bodies and gears, and first figures of everything else
+FILE = "identified.yaml"
 COLD_DEGC, WARM_DEGC = 22.0, 60.0  # where a fixed model would have been identified
 BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed model in its figure
+
+
+def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
+    """Return bags of the repository."""
+    paths = [bags / name for name in names]
+    for path in paths:
+        if not path.exists():
+            raise BagError(
+                f"the bag {path.name} is not in {bags.resolve()}",
+                "the bags of the repository",
+                "start the demonstration at the top of the repository or name --bags",
+            )
+    return paths
+
+
+def identify_plant(bags: Path, out: Path) -> str:
+    """Return the model file of the plant, identified from its training bags."""
+    # Slow to import, and of no use to the live part.
+    from robot_energy_identify.api.identify import identify_all
+    from robot_energy_report.document import Document
+    from robot_energy_report.identify_all import identification_overview
+    from robot_energy_report.printing import print_document
+
+    paths, file = bundled(bags, TRAINING), out / FILE
+    out.mkdir(parents=True, exist_ok=True)
+    command = f"robot-energy identify all {' '.join(map(str, paths))} --model {START}"
+    print(f"Identify: {command} --effort motor_torque --no-test --out {file}", flush=True)
+    result = identify_all(paths, START, "motor_torque", held_out=False)
+    page = Document()
+    identification_overview(result.found, page)
+    print_document(page, Terminal())
+    result.save(file)
+    return str(file)
 
 
 class Row(Described):

@@ -33,7 +33,7 @@ from rclpy.utilities import remove_ros_args
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import differs
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.reader import TimeRange

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.units import NANOJOULE_PER_JOULE
+from robot_energy.foundation.units import NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.model import RobotModel
-from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
-from robot_energy.timeline.pieces import Compared, closed_sums
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, differences
+from robot_energy.timeline.pieces import Compared
 
 STRETCH_NS = 5_000_000_000  # whose energies show the lag: about a motion
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
@@ -91,11 +91,13 @@ class ShownPower:
     Attributes:
         waiting: Samples for `follow`: stamps in the order of time [ns], powers [W], and where
             nothing is known between a sample and the one before; shape (N,) each.
+        needed_ns: No interval before it is asked for any more. [ns]
     """
 
     def __init__(self, delay: float = 0.0) -> None:
         self._delay_ns = round(delay / NANOSECOND)
         self.waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
+        self.needed_ns = 0
         self._rows: _Followed | None = None
 
     def follow(self, since_ns: list[int], constants: list[float]) -> None:
@@ -117,16 +119,18 @@ class ShownPower:
                 stamp[:1], power[:1], np.zeros(1), constant[:1], np.zeros(1), stamp[:1], power[:1]
             )
         else:
+            needed = np.searchsorted(before.stamp_ns, self.needed_ns - self._delay_ns, side="left")
+            before = before[slice(max(int(needed) - 1, 0), None)]
             last = before[slice(-1, None)]
         step_ns = np.diff(np.concatenate([last.stamp_ns, stamp]))
         low = np.concatenate([last.power, power[:-1]])
         slow = np.concatenate([last.constant, constant[:-1]])
         known = ~begins
-        kept, moved = _decay(step_ns * NANOSECOND, slow)
-        kept, moved = np.where(known, kept, 0.0), np.where(known, (power - low) * moved, 0.0)
         first = float(last.behind[0])
         behind = np.zeros(len(stamp))
-        if first != 0.0 or moved.any():
+        if first != 0.0 or slow.any():
+            kept, moved = _decay(step_ns * NANOSECOND, slow)
+            kept, moved = np.where(known, kept, 0.0), np.where(known, (power - low) * moved, 0.0)
             steps = zip(kept.tolist(), moved.tolist(), strict=True)
             found = accumulate(steps, lambda b, step: b * step[0] - step[1], initial=first)
             behind = np.fromiter(found, dtype=np.float64, count=len(stamp) + 1)[1:]
@@ -167,12 +171,6 @@ class ShownPower:
         shown = _energy_at(rows, high, "left") - _energy_at(rows, low, "right")
         shown = np.where(high > low, shown, 0.0)
         return np.asarray(shown + first_power * (before_ns * NANOSECOND))
-
-    def forget(self, before_ns: int) -> None:
-        """Drop samples that no interval from a stamp [ns] on asks for."""
-        if self._rows is not None:
-            place = np.searchsorted(self._rows.stamp_ns, before_ns - self._delay_ns, side="left")
-            self._rows = self._rows[slice(max(int(place) - 1, 0), None)]
 
 
 def _decay(seconds: Float, constant: Float) -> tuple[Float, Float]:
@@ -269,3 +267,30 @@ class LagEstimate:
         left = error - lag * step
         std = math.sqrt(float(left @ left) / (len(left) - 2) / squares)
         return min(lag, MAX_LAG) if lag > SIGNIFICANT * std else 0.0
+
+
+def starts_of(number: Int) -> Int:
+    """Return where runs of equal numbers begin, shape (runs,).
+
+    Args:
+        number: Shape (N,), N > 0.
+    """
+    return np.flatnonzero(differences(number, int(number[0]) - 1))
+
+
+def closed_sums(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
+    """Sum rows by the time of their first column.
+
+    Args:
+        begun: The sum that may go on, shape (0 or 1, columns).
+        table: New rows: time [ns], and what is summed; shape (N, columns), N > 0.
+
+    Returns:
+        The sums; the whole second from which each counts, as it is known to be complete when the
+        next one begins [ns]; and the sum that may go on.
+    """
+    rows = np.concatenate([begun[:, : table.shape[1]], table])
+    starts = starts_of(rows[:, 0] // length_ns)
+    sums = np.add.reduceat(rows, starts, axis=0)
+    sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
+    return sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS, sums[-1:]

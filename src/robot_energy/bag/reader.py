@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
@@ -111,8 +111,8 @@ class BagReader:
         for source in self._sources:
             part = source.contents()
             contents.add(part, self._report)
-            if part.start_ns is not None and part.end_ns is not None:
-                spans.append((part.start_ns, part.end_ns, frozenset(part.topics)))
+            if part.span is not None:
+                spans.append((*part.span, frozenset(part.topics)))
         files_overlap = self._check_spans(spans)
         self._scattered = max(files_overlap, contents.overlap_ns) > MAX_OVERLAP_NS
         if None not in (self._said_count, contents.message_count) and (
@@ -122,16 +122,15 @@ class BagReader:
                 f"{FILE_NAME} counts {self._said_count} messages where the files hold "
                 f"{contents.message_count}"
             )
-        self._contents = contents
+        self._definitions = contents.definitions
         self.topics: dict[str, TopicInfo] = dict(sorted(contents.topics.items()))
-        self.start_ns = contents.start_ns
-        self.end_ns = contents.end_ns
+        self.start_ns, self.end_ns = contents.span or (None, None)
         self.message_count = contents.message_count
 
     @cached_property
     def typestore(self) -> LazyStore:
         """Message definitions for this bag: the known ones, and the bag's own where they differ."""
-        return extended(typestore(), self._contents.definitions, self._report)
+        return extended(typestore(), self._definitions, self._report)
 
     @property
     def unverified_count(self) -> int:
@@ -144,11 +143,8 @@ class BagReader:
         info = self.topics.get(topic)
         if info and info.msgtype in accepted and info.encoding == "cdr":
             return info
-        fitting = [
-            name
-            for name, other in self.topics.items()
-            if other.msgtype in accepted and other.encoding == "cdr"
-        ]
+        other = {(kind, "cdr") for kind in accepted}
+        fitting = [n for n, each in self.topics.items() if (each.msgtype, each.encoding) in other]
         remedy = f"topics of that type in the bag: {', '.join(fitting)}"
         if info and info.msgtype in accepted:
             raise MissingTopicError(
@@ -193,12 +189,12 @@ class BagReader:
     ) -> Iterator[dict[str, RawBatch]]:
         for source in self._sources if wanted else ():
             for part in source.parts(wanted, spans):
-                within = {
-                    topic: found
-                    for topic, batch in part.items()
-                    if len(found := _within(batch, spans.get(topic)))
-                }
-                if within:
+                for topic in part.keys() & spans.keys():
+                    times, (first, last) = part[topic].log_time_ns, spans[topic]
+                    inside = (times >= first) & (times <= last)
+                    if not inside.all():
+                        part[topic] = part[topic][np.flatnonzero(inside)]
+                if within := {topic: batch for topic, batch in part.items() if len(batch)}:
                     yield within
 
     def _report(self, sentence: str) -> None:
@@ -280,15 +276,6 @@ class BagReader:
                 f"files of the bag overlap by {same * 1e-9:.3f} s; what is in both counts twice"
             )
         return most
-
-
-def _within(batch: RawBatch, span: LogTimes | None) -> RawBatch:
-    """The messages whose log times lie in a stretch."""
-    if span is None:
-        return batch
-    times = batch.log_time_ns
-    inside = (times >= span[0]) & (times <= span[1])
-    return batch if inside.all() else batch[np.flatnonzero(inside)]
 
 
 def _same_content(first: Path, second: Path) -> bool:

@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import (
     BATCH_BYTES,
@@ -206,7 +206,7 @@ class SqliteSource:
             self._report(f"{sum(counts.values())} messages of unknown topics were left out")
         first, last = base.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
         if isinstance(first, int) and isinstance(last, int):
-            result.start_ns, result.end_ns = first, last
+            result.span = first, last
 
     def _unreadable(self, why: str) -> BagError:
         return BagError(

@@ -24,7 +24,13 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
+from robot_energy.accounting.meter_response import (
+    MIN_SHARE,
+    READING_NS,
+    STRETCH_NS,
+    closed_sums,
+    starts_of,
+)
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import HeldEnergies
 from robot_energy.certainty.deviation import (
@@ -41,7 +47,7 @@ from robot_energy.certainty.deviation import (
 from robot_energy.certainty.energy_calibration import EnergyCalibration
 from robot_energy.foundation.units import MAX_COUNTER, NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.timeline.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
-from robot_energy.timeline.pieces import Compared, closed_sums, starts_of
+from robot_energy.timeline.pieces import Compared
 
 COVERED = 0.9  # share of the readings that a band holds
 SLOT_NS = 20_000_000  # of deviations that wait for the meter

@@ -15,7 +15,7 @@ from robot_energy.foundation.described import Described, documented
 from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.model import RobotModel
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import drive_from_model
 from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.replay.options import ReplayOptions

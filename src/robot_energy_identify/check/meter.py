@@ -51,10 +51,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
     if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
-    findings = [
-        Finding("meter", WARNING, ("meter",), note, float("nan"), float("nan"))
-        for note in evidence.remarks.meter
-    ]
+    findings = [Finding("meter", WARNING, ("meter",), note) for note in evidence.remarks.meter]
     predicted = _predicted(evidence, time, 0.0)
     both = np.isfinite(measured) & np.isfinite(predicted)
     if int(both.sum()) < MIN_INTERVALS:
@@ -67,7 +64,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
                 "meter_sign", ERROR, ("meter",),
                 f"the meter reads {measured_mean:.3g} W on average where the robot takes about "
                 f"{predicted_mean:.3g} W: its sign is reversed",
-                measured_mean, 0.95, *remedies.meter(evidence, sign=True),
+                measured_mean, *remedies.meter(evidence, sign=True),
             )
         )  # fmt: skip
         measured, measured_mean = -measured, -measured_mean
@@ -78,7 +75,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
                 Finding(
                     "meter_unit", ERROR, ("meter",),
                     f"the meter reads {ratio:.2g} times the prediction, as with {words}",
-                    ratio, 0.9, *remedies.meter(evidence, scale=1.0 / factor),
+                    ratio, *remedies.meter(evidence, scale=1.0 / factor),
                 )
             )  # fmt: skip
             measured = measured / factor
@@ -189,7 +186,7 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
             "meter_clock", ERROR, ("meter",),
             f"the meter is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} the joint states "
             f"(shifted, the prediction explains {100 * gain:.0f} % of what is left unexplained)",
-            lag, gain, *remedies.meter(evidence, delay=lag),
+            lag, *remedies.meter(evidence, delay=lag),
         )
     ]  # fmt: skip
 
@@ -207,7 +204,7 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[
             "shafts_exceed_meter", ERROR, ("meter",),
             f"the shafts take {taken:.0f} W on average by the recorded torque, more than the "
             f"{mean:.0f} W of the meter",
-            taken / mean if mean else float("inf"), float("nan"),
+            taken / mean if mean else float("inf"),
             "check the scale of the torque, the unit of the meter, and its place",
         )  # fmt: skip
     elif mean > MAX_EXCESS * expected > 0.0:
@@ -215,7 +212,7 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[
             "meter_exceeds", WARNING, ("meter",),
             f"the meter reads {mean:.0f} W on average, {mean / expected:.2g} times the "
             f"{expected:.0f} W that shafts, friction and losses of the model explain",
-            mean / expected, float("nan"),
+            mean / expected,
             "identify the constant losses (robot-energy identify cabinet), or look for another "
             "load on the meter",
         )  # fmt: skip

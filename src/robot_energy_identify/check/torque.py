@@ -219,7 +219,7 @@ def _fitting_meanings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "effort_not_stated", NOTE, tuple(evidence.names),
             f"taken for {meaning}, the effort is {factor:.2g} times the torque of the bodies",
-            factor, float("nan"), *remedies.effort_meaning(str(meaning)),
+            factor, *remedies.effort_meaning(str(meaning)),
         )  # fmt: skip
 
 
@@ -242,7 +242,7 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
         return Finding(
             cause.name, WARNING, (*names, *sorted(also)),
             f"this recording does not distinguish: {'; or '.join([sentence, *others])}",
-            cause.value, float("nan"), "record more poses and faster motion, and check again",
+            cause.value, "record more poses and faster motion, and check again",
             alternatives=alike,
         )  # fmt: skip
     left = found.fit.errors.unexplained[list(joints) or slice(None)]
@@ -259,7 +259,7 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
         return Finding(
             cause.name, WARNING, names,
             f"{sentence}; with the correction, {why}: there are further mistakes",
-            cause.value, float("nan"),
+            cause.value,
         )  # fmt: skip
     ratios = [evidence.model.joints[joint].gear_ratio for joint in joints]
     # assumed with a stated, wide deviation, as in first models
@@ -269,7 +269,7 @@ def _finding(evidence: Evidence, found: Found, last: TorqueFit) -> Finding:
     return Finding(
         cause.name, WARNING if guessed else ERROR, names,
         sentence + "; the gear ratio is a prior" * guessed,
-        cause.value, float("nan"), *_remedy(evidence, cause),
+        cause.value, *remedies.of_cause(evidence, cause),
     )  # fmt: skip
 
 
@@ -308,25 +308,6 @@ def _words(evidence: Evidence, cause: Cause) -> str:
     }[cause.name]()
 
 
-def _remedy(evidence: Evidence, cause: Cause) -> remedies.Remedy:
-    """The line that mends a cause, which has been applied on trial."""
-    joints, value = cause.joints, cause.value
-    return {
-        "torque_sign": lambda: remedies.corrected(evidence, ("effort",), joints, sign=-1.0),
-        "joint_sign": lambda: remedies.corrected(
-            evidence, ("position", "velocity"), joints, sign=-1.0
-        ),
-        "torque_scale": lambda: remedies.corrected(
-            evidence, ("effort",), joints, scale=1.0 / value
-        ),
-        "gear_ratio": lambda: remedies.gear_ratio(evidence, joints[0], value),
-        "effort_meaning": lambda: remedies.effort_meaning(cause.choice),
-        "payload": lambda: remedies.payload(cause.payload),
-        "joint_order": lambda: remedies.joint_order(evidence, *joints),
-        "zero_offset": lambda: remedies.zero(evidence, joints, value),
-    }[cause.name]()
-
-
 def _not_mended(last: TorqueFit, joints: Sequence[int]) -> str:
     """What a corrected recording needs beyond what the model leaves open; empty if nothing."""
     if last.errors.surprise > MAX_SURPRISE:
@@ -353,7 +334,7 @@ def _poor(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
         yield Finding(
             UNEXPLAINED, WARNING, tuple(poor),
             f"bodies and friction leave torque unexplained: {text}",
-            max(poor.values()), float("nan"),
+            max(poor.values()),
             "check masses, gear ratios, the meaning of the effort, and forces from outside",
         )  # fmt: skip
 
@@ -375,7 +356,7 @@ def _source(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
         words = f"the joint torque is measured behind the gear: {share_words}"
     else:
         words = f"whether joint torque is measured or computed from current is open: {share_words}"
-    yield Finding("effort_source", NOTE, (), words, share, float("nan"))
+    yield Finding("effort_source", NOTE, (), words, share)
 
 
 def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
@@ -399,4 +380,4 @@ def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
         sentence = f"a payload that is off by less than {result.payload:.2g} kg would not be found"
     else:
         sentence = "cannot be judged from this recording: the payload (it moves no measured joint)"
-    yield Finding(UNJUDGED + "payload", NOTE, ("payload",), sentence, result.payload, float("nan"))
+    yield Finding(UNJUDGED + "payload", NOTE, ("payload",), sentence, result.payload)

@@ -30,13 +30,6 @@ from robot_energy_identify.dynamics.counterbalance import (
     spring_columns,
     without_springs,
 )
-from robot_energy_identify.dynamics.sufficiency import (
-    check_channels,
-    check_length,
-    check_motion,
-    poorly_known,
-    remarks,
-)
 from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
     TorqueModel,
@@ -44,17 +37,22 @@ from robot_energy_identify.dynamics.torque_model import (
 )
 from robot_energy_identify.dynamics.validation import (
     TorqueError,
+    check_channels,
+    check_length,
+    check_motion,
     estimate_delay,
     folds_of,
+    poorly_known,
     predict_held_out,
+    remarks,
     torque_error,
 )
-from robot_energy_identify.stats.autocorrelation import autocorrelated
 from robot_energy_identify.stats.cross_validation import splits
 from robot_energy_identify.stats.lag import NO_DELAY, Delay
 from robot_energy_identify.stats.regression import (
     Fit,
     Method,
+    autocorrelated,
     estimate,
     factor,
     fit,

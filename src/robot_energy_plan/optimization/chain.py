@@ -19,8 +19,7 @@ import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage, FanStage
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage, drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque

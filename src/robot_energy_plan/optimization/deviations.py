@@ -26,8 +26,7 @@ from robot_energy.certainty.figure_deviations import FigureDeviations, known_tog
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.physics.cabinet import FanStage
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import FanStage, drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot

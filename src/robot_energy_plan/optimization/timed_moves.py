@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.physics.cabinet import FanStage
+from robot_energy.physics.drives_and_cabinet import FanStage
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.ptp import Trajectory
 from robot_energy_plan.optimization.chain import STEP, TORQUE_SHARE, Candidates, Moves, PowerChain

@@ -28,7 +28,7 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy_rig.output import RigJoints
+from robot_energy_rig.config import RigJoints
 from robot_energy_rig.record import (
     JOINT_DELAY_NS,
     METER_DELAY_NS,
@@ -128,6 +128,7 @@ def record(
         float(grid.max()),
         ends[:, WINDING],
         ends[:, OIL],
+        {},
     )
 
 

@@ -190,6 +190,14 @@ def test_velocities_are_compared_with_positions(tmp_path):
         assert not loud(check(bag, load("kr16"), MOTOR_TORQUE, inputs))
 
 
+def test_one_line_mends_the_velocities_of_all_joints(tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", scaled(("velocity",), 180 / np.pi), None, SECONDS)
+    (found,) = check(bag, load("kr16"), MOTOR_TORQUE).errors
+    assert (found.cause, found.subject) == ("velocity_scale", NAMES)
+    inputs = read_with(found.remedy, tmp_path / "inputs.yaml")
+    assert not loud(check(bag, load("kr16"), MOTOR_TORQUE, inputs))
+
+
 def test_a_velocity_that_stays_zero_is_named_and_the_remedy_works(tmp_path):
     bag = rewrite(SOUND, tmp_path / "bag", scaled(("velocity",), 0.0, [JOINT]), None, SECONDS)
     found = check(bag, load("kr16")).errors
