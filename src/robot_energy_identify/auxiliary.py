@@ -48,11 +48,7 @@ class StateChanges(Described):
 
     @classmethod
     def of(cls, load: AuxiliaryLoad, block: MeterBlock | None) -> StateChanges:
-        """Return the changes of a load.
-
-        Args:
-            block: Numbers of its states as powers, in order of arrival; None for none.
-        """
+        """Return the changes of a load from numbers of its states, as powers in order."""
         stamp = np.array([np.iinfo(np.int64).min])
         state = np.array([0 if len(load.states) == 1 else UNKNOWN])
         if block is not None and len(load.states) > 1:
@@ -106,11 +102,7 @@ LoadRecording = Mapping[str, tuple[CoveredPieces, StateChanges]]
 def read_loads(
     path: str | Path, loads: Sequence[AuxiliaryLoad], inputs: Inputs | None
 ) -> LoadRecording:
-    """Return the curves of the meters of loads and the changes of their states, by their names.
-
-    Args:
-        inputs: Inputs of the node that the bag is to be read like; None: the usual topics.
-    """
+    """Return the curves of the meters of loads and the changes of their states, by their names."""
     bag = BagReader(path)
     topics, _ = find_auxiliary(bag, loads, inputs)
     readers = {name: LoadIngest(each, bag.typestore) for name, each in topics.items()}
@@ -208,10 +200,7 @@ class StateFit(Described):
     load: Annotated[str, "Name of the load."]
     state: Annotated[str, "Of the state."]
     power: Annotated[float, "[W]"]
-    std: Annotated[
-        float | None,
-        "Its standard deviation; None where one reading says nothing of its scatter. [W]",
-    ]
+    std: Annotated[float | None, "None where one reading says nothing of its scatter. [W]"]
     parts: Annotated[dict[str, float], "Deviations by cause. [W]"]
     readings: Annotated[int, "Behind it."]
     visits: Annotated[int, "How often the state was in force."]
@@ -236,9 +225,7 @@ class LoadsFit(Described):
 
     loads: Annotated[tuple[str, ...], "Their names."]
     source: Annotated[str, "`OWN` or `OUTLET`."]
-    states: Annotated[
-        tuple[StateFit, ...], "What was found; states without enough readings are left out."
-    ]
+    states: Annotated[tuple[StateFit, ...], "Those with enough readings."]
     held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
     used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
     notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."]

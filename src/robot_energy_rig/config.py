@@ -68,9 +68,7 @@ class RigConfig(Described):
     demagnetisation: Annotated[
         bool, "Warm magnets are weaker: the same torque needs more current, and reads too high."
     ] = True
-    capacitor: Annotated[
-        bool, "DC link stores energy, the chopper has hysteresis; off: excess is braked at once."
-    ] = True
+    capacitor: Annotated[bool, "DC link stores energy; off: excess is braked at once."] = True
     rectifier: Annotated[bool, "Rectifier loss."] = True
     warming: Annotated[bool, "Losses and ambient change temperatures; off: they stay."] = True
     encoder: Annotated[bool, "Positions are quantised."] = True
@@ -81,9 +79,7 @@ class RigConfig(Described):
     meter_error: Annotated[bool, "Meter has gain error and noise."] = True
     drive_power_error: Annotated[bool, "So have the power readings of the drives."] = True
     elastic_joints: Annotated[bool, "Gears are springs; encoders see the motors."] = False
-    presliding: Annotated[
-        bool, "Coulomb friction reverses over a distance (Dahl); at rest it holds."
-    ] = False
+    presliding: Annotated[bool, "Coulomb friction reverses over a distance (Dahl)."] = False
     creep: Annotated[bool, "With presliding: at rest friction slowly takes over load."] = False
     coulomb_temperature: Annotated[bool, "Coulomb friction falls as the gear warms."] = False
     viscous_exponent: Annotated[bool, "Viscous friction bends with speed."] = False
@@ -91,9 +87,7 @@ class RigConfig(Described):
     velocity_filter: Annotated[bool, "The reported velocities are low-passed."] = False
     meter_filter: Annotated[bool, "So is the power of the meter; its counter is not."] = False
     temperature_error: Annotated[bool, "Thermometers lag and have constant errors."] = False
-    thermal_speedup: Annotated[
-        float, "Factor on the speed of temperatures, and of the lag of their sensors. [-]"
-    ] = 1.0
+    thermal_speedup: Annotated[float, "Factor on speed of temperatures, lag of sensors. [-]"] = 1.0
     sensors: Annotated[Sensors, "Figures of the sensors."] = field(default_factory=Sensors)
 
     def __post_init__(self) -> None:
@@ -131,12 +125,8 @@ class RigJoints(Block):
 
     joint_position: Annotated[Float, "Joint side, shape (N, n). [rad]"]
     joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s]"]
-    measured_motor_torque: Annotated[
-        Float, "Motor side, from current and name-plate torque constant, shape (N, n). [N m]"
-    ]
-    measured_drive_power: Annotated[
-        Float, "Electrical input of each drive, as it reports, shape (N, n). [W]"
-    ]
+    measured_motor_torque: Annotated[Float, "From current and name plate, shape (N, n). [N m]"]
+    measured_drive_power: Annotated[Float, "Input that each drive reports, shape (N, n). [W]"]
 
 
 class Truth(Block):

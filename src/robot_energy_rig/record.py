@@ -171,9 +171,7 @@ class RigRecording(Described):
     messages: dict[str, int]
     energy: Annotated[float, "True energy drawn from the grid. [J]"]
     peak_power: Annotated[float, "Greatest true power from the grid. [W]"]
-    motor_temperature_degc: Annotated[
-        Float, "True ones at the first and the last sample, shape (2, n). [degC]"
-    ]
+    motor_temperature_degc: Annotated[Float, "True ones, first and last, shape (2, n). [degC]"]
     gear_temperature_degc: Annotated[Float, "The same of the oil, shape (2, n). [degC]"]
     auxiliary_energy: Annotated[dict[str, float], "True energy of each auxiliary load. [J]"]
 

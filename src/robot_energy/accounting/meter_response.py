@@ -198,6 +198,32 @@ def _energy_at(rows: _Followed, time_ns: Int, side: str) -> Float:
     return start.energy + 0.5 * (start.power + power) * seconds - lag
 
 
+class PowerSwing:
+    """How much a predicted power varies over what was compared.
+
+    Sums are integers, so that the cutting of the input makes no difference.
+    """
+
+    def __init__(self) -> None:
+        self.sums = [0, 0, 0]  # time [ns], energy [nJ], power squared over time [W^2 s]
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable."""
+        time_ns, drawn = compared.duration_ns, compared.drawn
+        squares = drawn * drawn / (time_ns * NANOSECOND)
+        for place, values in enumerate((time_ns, drawn * NANOJOULE_PER_JOULE, squares)):
+            self.sums[place] += int(np.rint(values).astype(np.int64).sum())
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the power. [W]"""
+        seconds = self.sums[0] * NANOSECOND
+        if not seconds:
+            return 0.0
+        mean = self.sums[1] / NANOJOULE_PER_JOULE / seconds
+        return math.sqrt(max(self.sums[2] / seconds - mean**2, 0.0))
+
+
 class LagEstimate:
     """How late a meter shows what is drawn, from its readings.
 
@@ -211,6 +237,11 @@ class LagEstimate:
         self.lags = [0.0]  # that later samples may ask for [s]
         self._windows: deque[tuple[float, float]] = deque(maxlen=MAX_STRETCHES)
         self.jump()
+
+    @property
+    def known(self) -> bool:
+        """Whether enough was compared to find a lag."""
+        return len(self._windows) >= MIN_STRETCHES
 
     def jump(self) -> None:
         """Forget what is open, as where stamps go back; the newest lag stays."""
@@ -256,7 +287,7 @@ class LagEstimate:
 
     def _lag(self) -> float:
         """The lag of the windows; 0 where they do not show one."""
-        if len(self._windows) < MIN_STRETCHES:
+        if not self.known:
             return 0.0
         windows = np.array(self._windows)
         error, step = (windows - windows.mean(axis=0)).T

@@ -25,26 +25,19 @@ class Finding(Described):
     """One thing that does not fit, or that cannot be known from the recording."""
 
     cause: Annotated[
-        str,
-        "Name of the cause, such as ``torque_sign``; stable, for programs. That of a note on what "
-        "cannot be judged begins with ``unjudged.``.",
+        str, "Such as ``torque_sign``; stable. If it cannot be judged it begins with ``unjudged.``."
     ]
-    severity: Annotated[
-        str, "``error``: figures are wrong; ``warning``: they may be; ``note``: for reading."
-    ]
+    severity: Annotated[str, "``error``: figures are wrong; ``warning``: they may be; ``note``."]
     subject: Annotated[tuple[str, ...], "Joint names, ``meter``, ``temperature`` or ``payload``."]
     sentence: Annotated[str, "What was found, with the evidence in numbers."]
     evidence: Annotated[
         float, "The number behind it, in the unit that the sentence states; NaN where it has none."
     ] = float("nan")
     remedy: Annotated[str, "The line of YAML that mends it, or the action; may be empty."] = ""
-    remedy_in: Annotated[
-        str, "The file that the line of YAML belongs to; empty where ``remedy`` is an action."
-    ] = ""
+    remedy_in: Annotated[str, "The file of the line of YAML; empty for an action."] = ""
     alternatives: Annotated[
         tuple[str, ...],
-        "Other causes that explain the recording as well, so that none is blamed; ``bodies`` for "
-        "masses and centres that are further off than the model says.",
+        "Causes that explain it as well; ``bodies``: further off than the model says.",
     ] = ()
 
 

@@ -157,29 +157,20 @@ class JointScore(Result):
     torque_rms_moving: Annotated[Number, "The same while the joint moved. [N m]"]
     torque_relative: Annotated[Number, "Norm of the error over that of the measured torque. [-]"]
     torque_relative_moving: Annotated[Number, "The same while the joint moved. [-]"]
-    torque_relative_low_pass: Annotated[
-        Number,
-        "The same of the joint torque, both sides below 10 Hz, as identification states it. [-]",
-    ]
+    torque_relative_low_pass: Annotated[Number, "The same below 10 Hz, as of identification. [-]"]
     shaft_energy_error: Annotated[Number, "Error of the shaft energy. [J]"]
-    shaft_energy_relative: Annotated[
-        Number, "The same over the measured energy that went either way. [-]"
-    ]
+    shaft_energy_relative: Annotated[Number, "The same over the measured energy either way. [-]"]
 
 
 class ModelScore(Result):
     """Errors of one prediction."""
 
     name: Annotated[
-        str,
-        "``model``; ``fixed_friction``, the same with friction at one temperature; or ``zero``, "
-        "which predicts no torque and no power.",
+        str, "``model``, ``fixed_friction`` (at one temperature) or ``zero`` (no torque, no power)."
     ]
     change: Annotated[str | None, "What was changed about the model."]
     joints: Annotated[tuple[JointScore, ...], "In model order; empty where no torque was measured."]
-    all_joints: Annotated[
-        JointScore | None, "All of them together; None where no torque was measured."
-    ]
+    all_joints: Annotated[JointScore | None, "All together; None where no torque was measured."]
     predicted_energy: Annotated[Number, "Predicted energy at the meter over the compared time. [J]"]
     energy_error: Annotated[Number, "Predicted minus measured. [J]"]
     energy_relative: Annotated[Number, "The same over the measured energy. [-]"]
@@ -193,8 +184,7 @@ class RecordingScore(Result):
     sha256: Annotated[str, "First digits of the hash of its messages."]
     seen: Annotated[
         Seen,
-        "``held_out`` if no figure of the model was identified from it, ``fitted`` if some were, "
-        "``unknown`` if the model does not say what its figures come from.",
+        "``held_out``, ``fitted`` (figures are from it), ``unknown`` (the model does not say).",
     ]
     reason: Annotated[str, "Why, in one sentence."]
     origin: Annotated[str | None, "Where the recording comes from, as its writer said."]
@@ -205,16 +195,10 @@ class RecordingScore(Result):
     compared_time: Annotated[float, "Time that prediction and meter cover. [s]"]
     measured_energy: Annotated[Number, "Measured energy at the meter over that time. [J]"]
     band_relative: Annotated[
-        Number,
-        "Half width of the 90 % band of the predicted energy at the meter, over that energy, from "
-        "the figures of the model. [-]",
+        Number, "Half width of the 90 % band of energy, over it, by the figures of the model. [-]"
     ]
-    band_inside: Annotated[
-        Number, "Share of the readings of the meter within the band of power. [-]"
-    ]
-    scores: Annotated[
-        tuple[ModelScore, ...], "Of the model, of fixed friction if that differs, and of zero."
-    ]
+    band_inside: Annotated[Number, "Share of readings within the band of power. [-]"]
+    scores: Annotated[tuple[ModelScore, ...], "Of the model, of fixed friction if other, of zero."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
@@ -229,10 +213,7 @@ class EvaluationReport(Result, name="test"):
     model: Annotated[ModelUsed, "The model."]
     effort: Annotated[str, "What the effort in the joint states was taken for."]
     recordings: Annotated[tuple[RecordingScore, ...], "Scores of each recording."]
-    together: Annotated[
-        tuple[ModelScore, ...],
-        "The scores over all recordings: sums of energies, RMS over all samples.",
-    ]
+    together: Annotated[tuple[ModelScore, ...], "Over all: sums of energies, RMS over all samples."]
 
 
 @dataclass

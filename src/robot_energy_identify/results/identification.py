@@ -74,9 +74,7 @@ class TotalPower(Result):
     meter_delay: MeterDelay
     meter_time_constant: MeterTimeConstant
     notes: Annotated[Texts, "What the readings do not determine, one sentence each."]
-    parts: Annotated[
-        dict[str, dict[str, float]], "Of the standard deviations, by column of the fit and cause."
-    ]
+    parts: Annotated[dict[str, dict[str, float]], "Of the deviations, by column and cause."]
 
 
 class DrivesReport(Result, name="drives"):
@@ -84,10 +82,7 @@ class DrivesReport(Result, name="drives"):
 
     torque: Annotated[str, "Where the torque comes from; empty if that was not asked."]
     drives: Annotated[DrivesFit | None, "Fit to the power of each drive; None without such power."]
-    delay: Annotated[
-        Delay | None,
-        "Lag of that power behind the joint states; None where it cannot be determined.",
-    ]
+    delay: Annotated[Delay | None, "Lag of it behind the joint states; None where unknown."]
     total: Annotated[TotalPower | None, "Fit to one meter for all drives; None without a meter."]
     notes: Annotated[Texts, "What was decided for the model file without data, one sentence each."]
 
@@ -153,9 +148,7 @@ class ThermalReport(Result, name="thermal"):
     """Thermal networks of the motors of a robot."""
 
     heat: Annotated[
-        str,
-        "What was taken as heat: ``losses`` of the model, or of a log ``squared_current``, whose "
-        "capacities are relative. [W] or [A^2]",
+        str, "``losses`` [W], or of a log ``squared_current`` [A^2], with relative capacities."
     ]
     ambient_degc: Annotated[float, "Temperature of the air that was taken. [degC]"]
     axes: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
@@ -175,8 +168,7 @@ class LoadStatesReport(Result, name="auxiliary"):
 
     fits: Annotated[
         tuple[LoadsFit, ...],
-        "One for each load with a meter of its own; one for all others together where the "
-        "recordings have a meter of the outlet.",
+        "One for each load with a meter, one for all behind that of the outlet.",
     ]
     refused: Annotated[Texts, "Why others could not be identified, one sentence each."]
 
@@ -184,21 +176,15 @@ class LoadStatesReport(Result, name="auxiliary"):
 class FrictionReport(Result, name="friction"):
     """Friction over motor temperature."""
 
-    effort: Annotated[
-        str, "What the torque was measured as; ``log`` for relative figures of a log."
-    ]
+    effort: Annotated[str, "What the torque was measured as; ``log``: relative figures of a log."]
     axes: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
     refused: Annotated[Texts, "Why the others could not, one sentence each."]
     gears: Annotated[
         GearsFound, "Temperatures of gears, which the friction of their axes follows."
     ] = field(default_factory=GearsFound)
-    hold: Annotated[
-        HoldFit | None, "What motors hold at rest; None where too few rests show it."
-    ] = None
+    hold: Annotated[HoldFit | None, "What motors hold at rest; None if few rests show it."] = None
     apart: Annotated[
-        Texts,
-        "Recordings whose friction is not that of the others, or that lack temperatures others "
-        "have, one sentence each.",
+        Texts, "Recordings of other friction, or without temperatures, one sentence each."
     ] = ()
 
     @property
@@ -217,9 +203,7 @@ class AxisStudy(Result):
 
     name: Annotated[str, "Name of the axis."]
     study: Annotated[Study, "The test."]
-    gain: Annotated[
-        Number, "RMS of the exponential law over that of the constant; None without such a law. [-]"
-    ]
+    gain: Annotated[Number, "RMS, exponential law over constant; None without it. [-]"]
     shuffles: Annotated[int, "How often the temperatures were shuffled between the runs."]
     median_gain: Annotated[Number, "The same ratio then: its median. [-]"]
     least_gain: Annotated[Number, "Its least value. [-]"]
@@ -292,22 +276,15 @@ class StepReport(Result):
 class IdentificationReport(Result, name="identification"):
     """All that was identified, and the test on what was held out."""
 
-    model: Annotated[
-        RobotModel, "The model as it is written, with its provenance; in JSON its identity."
-    ]
+    model: Annotated[RobotModel, "As it is written; in JSON its identity."]
     given: Annotated[RobotModel, "The model as it was given; in JSON its identity."]
     recordings: Annotated[tuple[BagFacts, ...], "Bags of the fit."]
     tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
     steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
     meter_delay: MeterDelay
     meter_time_constant: MeterTimeConstant
-    energy: Annotated[
-        HeldOutEnergy | None, "Energy errors on held-out recordings; None if there was no test."
-    ]
-    mean_error: Annotated[
-        dict[str, float],
-        "Mean absolute error of that energy at the meter, by stage; empty without a meter. [-]",
-    ]
+    energy: Annotated[HeldOutEnergy | None, "Energy errors held out; None if there was no test."]
+    mean_error: Annotated[dict[str, float], "Mean of its errors at the meter, by stage. [-]"]
     notes: Annotated[Texts, "What does not fit the model as given, one sentence each."] = ()
 
     def taken(self, subject: str) -> bool:

@@ -21,11 +21,7 @@ HOT = f"{SHAPE_A:g} of the viscous friction at 20 degC"
 
 
 def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
-    """Return the model file, as YAML, of an arm that nobody has measured.
-
-    Args:
-        folder: Folder of the model file, at which the path of the URDF begins.
-    """
+    """Return the model file, as YAML for a folder, of an arm that nobody has measured."""
     joints = "".join(_joint(joint, arm.robot_class) for joint in arm.joints)
     urdf = _urdf(arm, description, Path(folder))
     return "\n".join([_head(arm, description), urdf, f"joints:\n{joints}", _electrical(arm)])

@@ -41,34 +41,24 @@ class Fit(Described):
 
     names: tuple[str, ...]
     values: Annotated[Float, "Shape (P,)."]
-    covariance: Annotated[
-        Float, "Of the values as if they were normally distributed, shape (P, P)."
-    ]
-    independent: Annotated[
-        Float, "Number of independent rows of each target, or of blocks, shape (n,)."
-    ]
+    covariance: Annotated[Float, "Of the values, as if normally distributed, shape (P, P)."]
+    independent: Annotated[Float, "Independent rows of each target, or blocks, shape (n,)."]
     degrees: Annotated[float, "Of freedom, of the scatter."]
     residual: Annotated[Float, "Target less fitted, shape (N,) or (N, n)."]
-    weight: Annotated[
-        Float, "On each row in the fit, 0 where unused, same shape. [1/unit of the target]"
-    ]
+    weight: Annotated[Float, "On each row, 0 where unused, same shape. [1/unit of the target]"]
     parts: Annotated[
         Mapping[str, Float],
-        "Deviations of the parameters by cause, shape (P,) each; their squares add up to the "
-        "diagonal of the covariance.",
+        "Deviations by cause, shape (P,) each; their squares add up to the variance.",
     ] = field(default_factory=dict[str, Float])
     moves: Annotated[
         Mapping[str, Float],
-        "Of the parameters by one deviation of each constant error, by cause, shape (P, errors) "
-        "each.",
+        "Of the values by one deviation of constant errors, shape (P, errors) each.",
     ] = field(default_factory=dict[str, Float])
 
     def errors(self) -> dict[str, Float]:
-        """Return independent errors of the parameters by cause, those of the scatter too.
+        """Return moves by one deviation of independent errors by cause, shape (P, errors) each.
 
-        Returns:
-            Moves by one deviation of each, shape (P, errors) each; their products sum to the
-            covariance.
+        Their products, with those of the scatter, sum to the covariance.
         """
         rest = self.covariance - sum(
             (moves @ moves.T for moves in self.moves.values()), np.zeros_like(self.covariance)
@@ -254,16 +244,12 @@ def independent(columns: Float, least: Float) -> list[int]:
 
 
 def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
-    """Compress weighted rows to a triangle with the same sums of squares.
+    """Return R (K, P) and b (K,) with ``|R x - b|^2`` the weighted squares of x but for a constant.
 
     Args:
         columns: Shape (N, n, P). [target/parameter]
         target: Shape (N, n). [any unit]
         weight: Shape (N, n); rows of weight 0 are left out. [1/target]
-
-    Returns:
-        R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
-        squares of x but for a constant; K is P, or less where rows are few.
     """
     size = columns.shape[2]
     triangle = np.zeros((0, size + 1))
@@ -337,12 +323,7 @@ def regress(
 ) -> Fit:
     """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
-    Args:
-        columns: Shape (N, P), finite. [target/parameter]
-        target: Shape (N,), finite. [any unit]
-        block: Number of the contiguous block that each sample belongs to, shape (N,).
-        base: QR decomposition of the columns where it is known, shapes (N, P) and (P, P).
-            [target/parameter]
+    Columns, target and their decomposition as in `fit`; blocks are contiguous.
     """
     check_shape("target", target.shape, (len(columns),))
     known = np.linalg.qr(columns) if base is None else base
