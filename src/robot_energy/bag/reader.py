@@ -14,7 +14,7 @@ from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
-from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_file
+from robot_energy.bag.packed import Source, open_file, unpacked_file, unpacked_parts
 from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, MissingTopicError
@@ -103,6 +103,7 @@ class BagReader:
         self.problems: list[str] = []
         self.origin = ""
         self._said_count: int | None = None  # of metadata.yaml
+        self._packed = False  # message by message
         self._sources = self._find()
         contents = BagContents()
         spans: list[tuple[int, int, frozenset[str]]] = []
@@ -165,13 +166,13 @@ class BagReader:
         Where the log times of a topic jump back and forth, it is the order in the file, and the
         problem is reported.
         """
-        wanted: dict[str, str] = {}
-        for name in topics:
-            if name not in self.topics:
-                raise MissingTopicError(
-                    f"{self.path} has no {name}", f"one of {', '.join(self.topics) or 'none'}"
-                )
-            wanted[name] = self.require(name, self.topics[name].msgtype).msgtype
+        if absent := [name for name in topics if name not in self.topics]:
+            raise MissingTopicError(
+                f"{self.path} has no {absent[0]}", f"one of {', '.join(self.topics) or 'none'}"
+            )
+        wanted = {name: self.topics[name].msgtype for name in topics}
+        for name, msgtype in wanted.items():
+            self.require(name, msgtype)
         spans = spans or {}
         if not self._scattered or len(wanted) < 2:
             return self._in_file_order(wanted, spans)
@@ -186,7 +187,8 @@ class BagReader:
         self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
     ) -> Iterator[dict[str, RawBatch]]:
         for source in self._sources if wanted else ():
-            for part in source.parts(wanted, spans):
+            parts = source.parts(wanted, spans)
+            for part in unpacked_parts(parts, self._report) if self._packed else parts:
                 for topic in part.keys() & spans.keys():
                     times, (first, last) = part[topic].log_time_ns, spans[topic]
                     inside = (times >= first) & (times <= last)
@@ -200,7 +202,7 @@ class BagReader:
             more = len(self.problems) == MAX_PROBLEMS
             self.problems.append("there is more of this kind" if more else sentence)
 
-    def _find(self) -> list[Source | PackedMessages]:
+    def _find(self) -> list[Source]:
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist", "an MCAP file or a rosbag2 folder")
         if not self.path.is_dir():
@@ -224,7 +226,7 @@ class BagReader:
             f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
         )
 
-    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages]:
+    def _listed(self, info: FolderInfo) -> list[Source]:
         """Return the files that the metadata lists, as far as they are there."""
         self.origin = info.origin
         files = [self.path / name for name in info.files]
@@ -235,10 +237,8 @@ class BagReader:
             self._said_count = info.message_count
         if info.compression_mode == "file":
             return [unpacked_file(file, self._report) for file in present]
-        sources = [open_file(file, self._report) for file in present]
-        if info.compression_mode == "message":
-            return [PackedMessages(source, self._report) for source in sources]
-        return list(sources)
+        self._packed = info.compression_mode == "message"
+        return [open_file(file, self._report) for file in present]
 
     def _distinct(self, files: Sequence[Path]) -> list[Path]:
         """Return the files without those of the same content as one before."""
