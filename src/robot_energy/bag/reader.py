@@ -137,7 +137,6 @@ class BagReader:
         return sum(source.unverified_count for source in self._sources)
 
     def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
-        """Return a topic that must be there with one of some types."""
         accepted = [msgtypes] if isinstance(msgtypes, str) else list(msgtypes)
         info = self.topics.get(topic)
         if info and info.msgtype in accepted and info.encoding == "cdr":

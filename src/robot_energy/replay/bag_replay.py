@@ -89,7 +89,6 @@ class Replay:
 
     @property
     def account(self) -> EnergyAccount:
-        """Registers, comparison, phases."""
         return self.pipeline.account
 
 

@@ -65,7 +65,6 @@ class JobList(ModelEntry):
 
 
 def load_jobs(path: str | Path) -> tuple[Job, ...]:
-    """Return the jobs of a file, in order of time."""
     return load(path, JobList, RegisterError, "list of jobs").jobs
 
 
@@ -135,7 +134,6 @@ class RecordedJobs:
                 self._is_open = True
 
     def finish(self, account: EnergyAccount) -> None:
-        """Close a job that ends with the recording."""
         if self._is_open:
             late_ns = int(self._bounds_ns[self._next, 1]) - (account.end_ns or 0)
             found = account.close_interval(self._names[self._next])
