@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -18,7 +19,6 @@ from robot_energy.bag.packed import Source, open_file, unpacked_file, unpacked_p
 from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, MissingTopicError
-from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import NANOSECOND
 
@@ -73,7 +73,6 @@ MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""
 
 MAX_PROBLEMS = 100  # sentences about what is wrong that are kept
-_COMPARED = 2**16
 _BY_HAND = "save the values as CSV, and import that with `robot-energy import table`"
 CONVERSIONS = {
     "json": f"read them with the Python package `mcap`, {_BY_HAND}",
@@ -242,16 +241,12 @@ class BagReader:
     def _distinct(self, files: Sequence[Path]) -> list[Path]:
         """Return the files without those of the same content as one before."""
         kept: list[Path] = []
-        places: dict[tuple[int, int], Path] = {}
         sizes: dict[int, list[Path]] = {}
         for file in files:
-            status = file.stat()
-            place = (status.st_dev, status.st_ino)
-            like = sizes.setdefault(status.st_size, [])
-            same = places.get(place) or next((o for o in like if _same_content(file, o)), None)
+            like = sizes.setdefault(file.stat().st_size, [])
+            same = next((one for one in like if _same_content(file, one)), None)
             if same is None:
                 kept.append(file)
-                places[place] = file
                 like.append(file)
             elif same.name == file.name:
                 self._report(f"{file.name} is listed several times in {FILE_NAME}; read once")
@@ -276,15 +271,10 @@ class BagReader:
 
 
 def _same_content(first: Path, second: Path) -> bool:
-    """Whether two files of one size hold the same; they differ early if they do."""
     try:
-        with open_regular(first) as one, open_regular(second) as other:
-            while part := one.read(_COMPARED):
-                if part != other.read(_COMPARED):
-                    return False
+        return first.samefile(second) or filecmp.cmp(first, second, shallow=False)
     except OSError:  # whoever reads it says why
         return False
-    return True
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
