@@ -1,6 +1,7 @@
 """Electrical power of the drives: efficiency maps and loss model, tested on held-out data.
 
-Every way runs through `robot_energy.physics.drive`, so what is tested is what the monitor runs.
+Every way runs through `robot_energy.physics.drives_and_cabinet`, so what is tested is what the
+monitor runs.
 Energy accuracy is ``1 - |E_predicted - E_measured| / E_measured`` with ``E`` the sum over
 the drives of the power integrated over the held-out time, braking negative (paper B, 7.3).
 """
@@ -18,7 +19,7 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
-from robot_energy.physics.drive import with_warm_magnets
+from robot_energy.physics.drives_and_cabinet import with_warm_magnets
 from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.blas_threads import one_thread

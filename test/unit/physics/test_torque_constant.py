@@ -5,7 +5,7 @@ import pytest
 
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import validate
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import drive_from_model
 from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock
