@@ -192,13 +192,21 @@ class DriveData(Described):
         return len(self.meters)
 
 
-def winding_torque(recording: Recording) -> Float:
+def shaft_torque(recording: Recording) -> Float:
     """Return the torque of the model, at rest the measured one where it is known, (N, n). [N m]"""
     power, model = recording.power, recording.model
     standing = np.abs(power.motor_velocity) <= motor_standstill(model)
-    measured = recording.power.motor_torque_measured
     effort = EffortMeaning.NONE if recording.replay is None else recording.replay.effort
-    return HoldTorque(model, effort).in_winding(power.motor_torque, measured, standing)[0]
+    hold = HoldTorque(model, effort)
+    return hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)[0]
+
+
+def winding_torque(recording: Recording) -> Float:
+    """Return the torque that the current of the windings says, likewise, shape (N, n). [N m]"""
+    torque, constants = shaft_torque(recording), TorqueConstants.of(recording.model.joints)
+    if constants is None:
+        return torque
+    return torque / constants.left(recording.power.motor_temperature_degc)
 
 
 def drive_data(
@@ -221,7 +229,7 @@ def drive_data(
         [
             np.where(
                 part.sound[:, None],
-                part.power.motor_torque_measured if measured_torque else winding_torque(part),
+                part.power.motor_torque_measured if measured_torque else shaft_torque(part),
                 np.nan,
             )
             for part in recordings

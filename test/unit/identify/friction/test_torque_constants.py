@@ -14,7 +14,7 @@ from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.drives.drive_data import DriveData
+from robot_energy_identify.drives.drive_data import DriveData, shaft_torque, winding_torque
 from robot_energy_identify.drives.drives import AxisSamples
 from robot_energy_identify.drives.loss_map import fit_loss_map
 from robot_energy_identify.drives.losses import TERMS
@@ -116,22 +116,38 @@ def test_a_torque_sensor_shows_no_magnets():
     assert with_falls(wheel(), []).joints[0].torque_constant_fall is None
 
 
-def test_recordings_at_the_shaft():
-    model = wheel()
+def recording_of(model, degc, moving=True):
+    """Seven newton metres by the current, for three seconds."""
     pipeline = EnergyPipeline(model, Settings(effort=EffortMeaning.MOTOR_TORQUE))
-    outputs = (
-        pipeline.step(turning(3.0, effort=np.full(6, 7.0)), readings(3, 70.0)),
-        pipeline.flush(),
-    )
+    block = turning(3.0, effort=np.full(6, 7.0))
+    if not moving:
+        still = np.zeros_like(block.joint_velocity)
+        block = replace(block, joint_position=still, joint_velocity=still)
+    outputs = pipeline.step(block, readings(3, degc)), pipeline.flush()
     torque, power = (
         kind.concatenate([part for one in outputs if (part := getattr(one, name)) is not None])
         for kind, name in ((TorqueBlock, "torque"), (PowerBlock, "power"))
     )
-    recording = Recording(Path(), model, torque, power, None, "", ())
-    falling = with_falls(model, [FallingConstant("axle", identified(0.002, None, ""))])
-    (found,) = at_shaft([recording], falling)
+    return Recording(Path(), model, torque, power, None, "", ())
+
+
+def falling(fall):
+    return with_falls(wheel(), [FallingConstant("axle", identified(fall, None, ""))])
+
+
+def test_recordings_at_the_shaft():
+    recording = recording_of(wheel(), 70.0)
+    (found,) = at_shaft([recording], falling(0.002))
     np.testing.assert_allclose(found.torque.motor_torque_measured, 0.9 * 7.0, rtol=1e-15)
-    assert at_shaft([recording], model) == [recording]
+    assert at_shaft([recording], wheel()) == [recording]
+
+
+def test_windings_at_rest_are_heated_by_the_current_that_was_read():
+    recording = recording_of(falling(0.005), 120.0, moving=False)
+    np.testing.assert_allclose(shaft_torque(recording), 3.5, rtol=1e-15)
+    np.testing.assert_allclose(winding_torque(recording), 7.0, rtol=1e-15)
+    plain = recording_of(wheel(), 120.0, moving=False)
+    np.testing.assert_array_equal(winding_torque(plain), shaft_torque(plain))
 
 
 def test_drives_are_identified_with_the_current_of_warm_motors():
