@@ -29,7 +29,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan
-from robot_energy.physics.cabinet import FanStage
+from robot_energy.physics.drives_and_cabinet import FanStage
 from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.levels import level_step, levels_of
