@@ -21,13 +21,13 @@ A fan that the warmest motor switches is a part of ``P_l,grid``: ``p P_fan``, wi
 their deviations. Above all possible starts ``p`` is 1. Below all possible stops it is 0. Between
 stop and start ``p`` does not change. Before the first temperature it is 1/2. At the first it is
 the less of 1/2 and ``1/2 (P(T > T_off) + P(T > T_on))``: of the fans between stop and start half
-run.
+run. Up to the temperature at which recordings began without the fan it is ``P(T > T_on)``.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
-from math import hypot, isfinite
+from math import hypot, inf, isfinite
 from typing import Protocol
 
 import numpy as np
@@ -285,6 +285,8 @@ class FanStage:
             self._on, width = fan.on_above_degc.value, fan.on_above_degc.std or 0.0
             less = fan.hysteresis
             self._off = self._on - (0.0 if less is None else less.value)
+            begins = fan.begins_off_to_degc
+            self._begins_off = -inf if begins is None else begins.value
             self._widths = width, width if less is None else hypot(width, less.std or 0.0)
         self._runs: float | None = None  # before any temperature
 
@@ -303,7 +305,9 @@ class FanStage:
             if isfinite(degc):
                 least = _warmer(degc, self._on, self._widths[0])
                 most = _warmer(degc, self._off, self._widths[1])
-                before = min(UNSEEN, 0.5 * (least + most)) if self._runs is None else self._runs
+                before = self._runs
+                if before is None:
+                    before = 0.0 if degc <= self._begins_off else min(UNSEEN, 0.5 * (least + most))
                 self._runs = max(min(before, most), least)
             runs[place] = UNSEEN if self._runs is None else self._runs
         return self._power * np.repeat(runs, np.diff(np.append(begins, len(warmest))))
