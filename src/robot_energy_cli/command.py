@@ -78,11 +78,7 @@ class Command(Described):
 
     name: str
     text: str
-    run: Annotated[
-        Run,
-        "Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and "
-        "was read in part. What it refuses is a `RobotEnergyError`.",
-    ]
+    run: Annotated[Run, "Returns the exit code: 0, or 3 if a bag is damaged and was read in part."]
     options: Options | Callable[[ArgumentParser], None] = field(default_factory=dict[str, str])
     description: Annotated[str, "What it does, in its own help; empty for that of the list."] = ""
     epilog: str = ""
@@ -129,10 +125,7 @@ class Group(Described):
     title: str
     metavar: str
     parts: Annotated[Callable[[], Iterable[Command]], "Gives them; asked once all kinds are known."]
-    default: Annotated[
-        tuple[str, str, Run] | None,
-        "Name, text and run of the one that need not be named; None: one must be named.",
-    ] = None
+    default: Annotated[tuple[str, str, Run] | None, "The one that need not be named."] = None
 
     def add_parser(self, commands: Any) -> None:
         """Add it with its sub-commands."""

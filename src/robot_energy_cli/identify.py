@@ -124,7 +124,7 @@ def _friction(args: Namespace) -> int:
     """
     from robot_energy.model import load
     from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
-    from robot_energy_report.friction_figure import friction_over_temperature
+    from robot_energy_report.identification import friction_over_temperature
 
     given = IdentifyInputs(args)
     given.check_results()

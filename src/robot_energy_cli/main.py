@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import sys
+import threading
 from argparse import (
     Action,
     ArgumentError,
@@ -13,10 +14,12 @@ from argparse import (
     HelpFormatter,
     Namespace,
 )
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from io import TextIOWrapper
 from textwrap import wrap
+from types import FrameType
 from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
@@ -24,10 +27,10 @@ from robot_energy.foundation.errors import KindError, RobotEnergyError
 from robot_energy.foundation.extras import is_ours, missing
 from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
+from robot_energy.foundation.stopping import DEFAULTS, End
 from robot_energy_cli.command import Command
 from robot_energy_cli.commands import COMMANDS
 from robot_energy_cli.listings import COMPLETION
-from robot_energy_cli.stopping import Stopped, stoppable
 
 
 class WrappedHelp(HelpFormatter):
@@ -224,6 +227,42 @@ HELP = Command(
     _run_help,
     {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
 )
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal to stop was received."""
+
+    def __init__(self, number: int) -> None:
+        self.number = signal.Signals(number)
+        super().__init__(self.number.name)
+
+
+@contextmanager
+def stoppable() -> Generator[None]:
+    """Raise `Stopped` in the block on SIGTERM and SIGHUP, KeyboardInterrupt on SIGINT.
+
+    Those that are ignored, as under nohup, or have a handler of others are left alone.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    found = {number: signal.getsignal(number) for number in DEFAULTS if main}
+    changed = {
+        number: handler
+        for number, handler in found.items()
+        if isinstance(handler, End) or handler is signal.SIG_DFL
+    }
+    try:
+        for number in changed:
+            asked = signal.default_int_handler if number == signal.SIGINT else _stop
+            signal.signal(number, asked)
+        yield
+    finally:
+        for number, handler in changed.items():
+            signal.signal(number, handler)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    del frame
+    raise Stopped(number)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

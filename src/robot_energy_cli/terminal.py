@@ -173,8 +173,13 @@ def present(
 
     page = document_of(result, title, lead, **words)
     page.notes(notes)
-    named = ("json", "out", "report", "plot")
-    files = {name: getattr(args, name, None) for name in named}
+    kinds = {
+        "out": made,
+        "json": "all figures as JSON",
+        "report": "report",
+        "plot": "figure",
+    }
+    files = {name: getattr(args, name, None) for name in kinds}
     with all_or_none():
         if files["json"] is not None:
             write_json(files["json"], result.to_dict())
@@ -190,12 +195,6 @@ def present(
         return
     out = console()  # last: the reader of a pipe may close it early
     print_document(page, out)
-    kinds = {
-        "out": made,
-        "json": "all figures as JSON",
-        "report": "report",
-        "plot": "figure",
-    }
     for name, what in kinds.items():
         path = files[name]
         if path is not None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.timeline.time_series import Column, TimeSeries
-from robot_energy_history.files import reader
+from robot_energy_history.files import JOB_SUMS, reader
 from robot_energy_history.queries import (
     RESOLUTIONS,
     Resolution,
@@ -27,7 +27,6 @@ from robot_energy_history.queries import (
     table_of,
     zone_of,
 )
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import day_begin, stored_tariffs
 from robot_energy_history.use import ENERGIES, RESTS, Costs, costs
 

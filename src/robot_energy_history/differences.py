@@ -33,9 +33,7 @@ class Epoch(Described):
     first: Annotated[Reading, "Reading that it begins from."]
     last: Annotated[Reading, "Newest reading that was recorded."]
     known_until_ns: Annotated[int, "Until when it is known what was counted. [ns]"]
-    newest_ns: Annotated[
-        int, "Latest stamp that was recorded, also where clocks were set back. [ns]"
-    ]
+    newest_ns: Annotated[int, "Latest stamp recorded, also where clocks were set back. [ns]"]
 
 
 class CountedSpan(Described):

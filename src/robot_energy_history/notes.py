@@ -11,9 +11,8 @@ from typing import Any
 
 from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.differences import Event
-from robot_energy_history.jobs import put_job
 from robot_energy_history.readings import LearnedFriction
-from robot_energy_history.rows import attempt, put_events, put_friction
+from robot_energy_history.rows import attempt, put_events, put_friction, put_job
 
 MAX_JOBS = 24_000  # that wait
 MAX_EVENTS = 10_000  # that wait

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy_history.differences import SLOT_NS, UNRESOLVED, CountedSpan
-from robot_energy_history.jobs import roll_jobs, roll_jobs_again
+from robot_energy_history.files import LEVELS
 from robot_energy_history.readings import COLUMNS, IMPORT, JOINT_COLUMNS
-from robot_energy_history.rows import put_slot
-from robot_energy_history.schema import LEVELS
+from robot_energy_history.rows import put_slot, roll_jobs, roll_jobs_again
 
 QUARTERS = DAY_NS // SLOT_NS
 MAX_DAYS = 2**20  # since 1970, of which stamps reach 106,751
@@ -36,9 +35,7 @@ class Rolled(Described):
     """Up to where a history is rolled up."""
 
     until_ns: Annotated[int, "Begin of the first UTC day that is not. [ns]"] = 0
-    quarters_from_ns: Annotated[
-        int, "Begin of the first UTC day whose quarter hours are kept. [ns]"
-    ] = 0
+    quarters_from_ns: Annotated[int, "Begin of the first UTC day with quarter hours. [ns]"] = 0
 
     @classmethod
     def of(cls, connection: sqlite3.Connection) -> Rolled:

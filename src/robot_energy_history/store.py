@@ -33,12 +33,11 @@ from robot_energy_history.differences import (
     supersedes,
     thinned,
 )
-from robot_energy_history.files import open_writer, take_lock, unusable
+from robot_energy_history.files import FILE, open_writer, prepare, take_lock, unusable
 from robot_energy_history.notes import WaitingNotes
 from robot_energy_history.readings import OBSERVED, LearnedFriction, Reading
 from robot_energy_history.rollup import Rolled, forget_minutes, put_span, roll, thin
 from robot_energy_history.rows import attempt, put_epoch, put_events, reading_from
-from robot_energy_history.schema import FILE, prepare
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk

@@ -26,9 +26,7 @@ class Wall(Described):
     layer_height: Annotated[float, "Rise from layer to layer. [m]"] = 0.01
     layers: int = 1
     speed: Annotated[float, "Path speed, the rise included. [m/s]"] = 0.125
-    infill: Annotated[
-        int, "Strokes of a zigzag along the wall inside the outline, and as many back; 0 for none."
-    ] = 0
+    infill: Annotated[int, "Strokes of a zigzag inside the outline, and as many back."] = 0
 
     def __post_init__(self) -> None:
         for name in ("length", "width", "layer_height", "speed"):

@@ -55,13 +55,9 @@ class Column(Described):
     form: Annotated[Callable[[Any], str], "The value as text; None is a dash."] = str
     unit: Annotated[str, "Behind the name, in brackets; empty for none."] = ""
     total: Annotated[
-        bool | Callable[[Sequence[Any]], Any],
-        "Whether the row of sums has the sum of the values, or a function of all rows that gives "
-        "the value or its text.",
+        bool | Callable[[Sequence[Any]], Any], "Whether rows are summed, or a function of all rows."
     ] = False
-    optional: Annotated[
-        bool, "Whether the column is left out where no row has a value or a text."
-    ] = False
+    optional: Annotated[bool, "Whether it is left out where no row has a value."] = False
 
     @property
     def heading(self) -> str:

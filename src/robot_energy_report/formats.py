@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
@@ -23,13 +24,13 @@ RAISED = str.maketrans(
 )
 SIGNS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"(?<![\w/.])degC(?![\w/])", "\u00b0C"),
-    (r"(?<![^\s\[(])1e(-?\d{1,2})(?= [A-Za-z])", lambda m: f"10{_raised(m[1])}"),
+    (r"(?<![^\s\[(])1e(-?\d{1,2})(?= [A-Za-z])", lambda m: f"10{m[1].translate(RAISED)}"),
     (
         r"((?<![\w.,:/-])\d(?:\.\d+)?|\))e([+-]\d{1,3})(?![\w.])",
-        lambda m: f"{m[1]}\u00b710{_raised(str(int(m[2])))}",
+        lambda m: f"{m[1]}\u00b710{str(int(m[2])).translate(RAISED)}",
     ),
     (r"(?<![^\s(\[])\+-(?=\s|\d|$)", "\u00b1"),
-    (r"(?<=[A-Za-z)])\^(-?\d)(?!\d)", lambda m: _raised(m[1])),
+    (r"(?<=[A-Za-z)])\^(-?\d)(?!\d)", lambda m: m[1].translate(RAISED)),
     (r"\b(N|kg) m(?=\u00b2|\b)", "\\1\u00b7m"),
     (r"(?<=N\u00b7m) s\b", "\u00b7s"),
     (r"(?<![\w/])(s|rad)2\b(?=/|\])", "\\1\u00b2"),
@@ -173,13 +174,8 @@ def percent(ratio: float | None, sign: bool = False, digits: int = 1) -> str:
     return f"{'+' if sign and not text.startswith('-') else ''}{text} %"
 
 
-def signed_percent(ratio: float | None) -> str:
-    """Return a ratio in percent, with its sign.
-
-    Args:
-        ratio: None where it is not known. [-]
-    """
-    return percent(ratio, sign=True)
+signed_percent: Callable[[float | None], str] = partial(percent, sign=True)
+"""A ratio in percent, with its sign."""
 
 
 def seconds(time_ns: int) -> str:
@@ -223,10 +219,6 @@ def typeset(text: str) -> str:
     for pattern, sign in SIGNS:
         text = re.sub(pattern, sign, text)
     return text
-
-
-def _raised(digits: str) -> str:
-    return digits.translate(RAISED)
 
 
 def counted(count: int, one: str, many: str = "") -> str:

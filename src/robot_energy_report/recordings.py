@@ -25,7 +25,7 @@ from robot_energy_report.formats import (
     signed_percent,
     utc,
 )
-from robot_energy_report.headline import error_of, headline, observed_time, tiles
+from robot_energy_report.headline import error_of, observed_time, tiles
 from robot_energy_report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.prediction import energy_bars
@@ -168,9 +168,6 @@ def _table(
     bad = [_name(one) for one in reports if one.problems]
     if bad:
         page.paragraph(f"{', '.join(bad)}: see the problems named below", "problem")
-    with page.only("terminal"):
-        for one in reports:
-            page.paragraph(f"{one.bag}: {headline(one)}")
 
 
 def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:

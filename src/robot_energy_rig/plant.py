@@ -152,9 +152,7 @@ class DriveFlows(Described):
     iron_loss: Annotated[Float, ">= 0. [W]"]
     copper_loss: Annotated[Float, ">= 0. [W]"]
     inverter_loss: Annotated[Float, ">= 0. [W]"]
-    measured_motor_torque: Annotated[
-        Float, "Current times the torque constant on the name plate. [N m]"
-    ]
+    measured_motor_torque: Annotated[Float, "Current times the name-plate constant. [N m]"]
 
 
 class PlantFriction:
@@ -305,11 +303,6 @@ class ThermalNetwork:
         motor_temperature_degc: At the start, shape (n,). [degC]
         gear_temperature_degc: At the start, shape (n,). [degC]
         ambient_degc: [degC]
-
-    Attributes:
-        motor_temperature_degc: Now, shape (n,). [degC]
-        gear_temperature_degc: Now, shape (n,). [degC]
-        ambient_degc: Now. [degC]
     """
 
     def __init__(

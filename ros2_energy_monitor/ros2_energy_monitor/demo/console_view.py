@@ -76,7 +76,6 @@ class ConsoleView:
 
     @property
     def complete(self) -> bool:
-        """Whether power, registers and friction have arrived."""
         return None not in (self._power, self.registers, self.friction)
 
     def line(self, now: float) -> str:

@@ -50,14 +50,13 @@ class Console(Node):
         parameters = declare(self, ConsoleParameters)
         self.board = ConsoleView()
         self._write = write or partial(print, flush=True)
-        self.create_subscription(PowerState, POWER_TOPIC, self._take_power, best_effort(50))
-        self.create_subscription(
-            EnergyRegisters, REGISTERS_TOPIC, self._take_registers, best_effort(10)
-        )
-        self.create_subscription(JointFriction, FRICTION_TOPIC, self._take_friction, latched(1))
-        self.create_subscription(
-            DiagnosticArray, "/diagnostics", self.board.take_diagnostics, best_effort(50)
-        )
+        for kind, topic, take, qos in (
+            (PowerState, POWER_TOPIC, self._take_power, best_effort(50)),
+            (EnergyRegisters, REGISTERS_TOPIC, self._keep("registers"), best_effort(10)),
+            (JointFriction, FRICTION_TOPIC, self._keep("friction"), latched(1)),
+            (DiagnosticArray, "/diagnostics", self.board.take_diagnostics, best_effort(50)),
+        ):
+            self.create_subscription(kind, topic, take, qos)
         terminal = Terminal()
         self._live = Live(console=terminal, auto_refresh=False) if terminal.is_terminal else None
         if self._live is not None:
@@ -82,11 +81,8 @@ class Console(Node):
     def _take_power(self, message: PowerState) -> None:
         self.board.take_power(message, time.monotonic())
 
-    def _take_registers(self, message: EnergyRegisters) -> None:
-        self.board.registers = message
-
-    def _take_friction(self, message: JointFriction) -> None:
-        self.board.friction = message
+    def _keep(self, name: str) -> Callable[[Any], None]:
+        return lambda message: setattr(self.board, name, message)
 
 
 main = partial(run, Console)

@@ -75,15 +75,12 @@ class EnergyDashboard(Node):
             self.get_logger().info(sentence)
 
     def tick(self) -> None:
-        """Take what has arrived and send it to the pages."""
         self.guard.run("tick", self._tick)
 
     def look(self) -> None:
-        """Look for robots that are new, and for job intervals."""
         self.guard.run("look", self._look)
 
     def destroy_node(self) -> None:
-        """Close the server, then the node."""
         if hasattr(self, "server"):
             self.server.close()
         super().destroy_node()

@@ -163,7 +163,6 @@ class EnergyRecorder(ManagedNode):
         self._robots.clear()
 
     def take(self) -> None:
-        """Take what has arrived."""
         for robot in self._robots.values():
             try:
                 robot.take()
@@ -249,7 +248,6 @@ class EnergyRecorder(ManagedNode):
             self._said = store.trouble
 
     def report(self) -> None:
-        """Publish diagnostics."""
         node = StatusBuilder("node")
         self.guard.check(node)
         self._reporter.publish([node, self._findings()], "")

@@ -140,7 +140,11 @@ class AlarmWatch:
             if name not in self._alarms and len(self._alarms) >= MAX_STATUSES:
                 continue
             found += self._changed(name, status, now)
-            found += self._restarted(name, status)
+            if status.restarts.isdecimal():
+                count, before = int(status.restarts), self._restarts.get(name)
+                self._restarts[name] = count
+                if before is not None and count > before:
+                    found.append(("restart", f"{node} was started again"))
         return [
             Event(stamp_ns + place, kind, shown(text, MAX_TEXT))
             for place, (kind, text) in enumerate(found)
@@ -157,12 +161,3 @@ class AlarmWatch:
         if severity:
             return [("alarm", f"{name}: {WORDS[severity]}: {status.message}")]
         return [("alarm_ended", name)]
-
-    def _restarted(self, name: str, status: StatusHead) -> list[tuple[str, str]]:
-        if not status.restarts.isdecimal():
-            return []
-        count, before = int(status.restarts), self._restarts.get(name)
-        self._restarts[name] = count
-        if before is not None and count > before:
-            return [("restart", f"{name.partition(':')[0]} was started again")]
-        return []

@@ -93,7 +93,6 @@ class PredictionService:
         self._thread = Thread(target=self._serve, name=f"prediction {self.name}", daemon=True)
 
     def open(self) -> None:
-        """Create the service."""
         try:
             self._service = RawService(self._node, self.interface, f"~/{self.name}")
         except (OSError, AttributeError) as error:

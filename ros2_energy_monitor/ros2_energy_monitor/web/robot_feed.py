@@ -18,7 +18,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.client import Client
 from rclpy.node import Node
-from ros2_energy_msgs.msg import EnergyInterval, EnergyRegisters, JointFriction, PowerState
+from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 from ros2_energy_msgs.srv import CloseInterval, ListIntervals, OpenInterval, ResetRegisters
 
 from robot_energy.foundation.units import SECOND_NS
@@ -97,7 +97,6 @@ class RobotFeed:
     def act(
         self, action: str, text: str, answer: Future[tuple[bool, str]], services: Sequence[str]
     ) -> None:
-        """Call a service of the registers."""
         client = self._client(action, services)
         if client is None:
             answer.set_result((False, f"no monitor of this robot offers {action}"))
@@ -145,17 +144,15 @@ class RobotFeed:
     def _take_list(self, future: Any) -> None:
         response = None if future.cancelled() else future.result()
         if response is not None:
-            self.state.take_intervals([_fields(one) for one in response.intervals])
+            self.state.take_intervals(  # with fields as `interval_fields` names them
+                [
+                    {name: getattr(one, name) for name in INTERVAL_FIELDS}
+                    | {"start_ns": one.start.sec * SECOND_NS + one.start.nanosec}
+                    for one in response.intervals
+                ]
+            )
 
 
 def namespace_of(status: str) -> str:
     """Return the namespace of the node that a diagnostic status names, without slashes."""
     return status.partition(": ")[0].strip("/").rpartition("/")[0]
-
-
-def _fields(interval: EnergyInterval) -> dict[str, Any]:
-    """The fields of a message as `interval_fields` names them."""
-    return {
-        **{name: getattr(interval, name) for name in INTERVAL_FIELDS},
-        "start_ns": interval.start.sec * SECOND_NS + interval.start.nanosec,
-    }

@@ -46,7 +46,6 @@ class PackedMessages:
         return self._source.unverified_count
 
     def contents(self) -> BagContents:
-        """Return what the file holds."""
         return self._source.contents()
 
     def parts(
@@ -126,7 +125,6 @@ def _unpack_file(path: Path, target: Path) -> None:
 
 
 def _unpacked_bytes(path: Path, packed: BinaryIO) -> int:
-    """Return how large a file becomes."""
     size = os.fstat(packed.fileno()).st_size
     most = min(max(size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
     count = 0

@@ -36,7 +36,6 @@ class TimeRange(Described):
     end: Annotated[float | None, "Likewise; None: to the last. [s]"] = None
 
     def __bool__(self) -> bool:
-        """Return whether anything is left out."""
         return self.start is not None or self.end is not None
 
     def span(self, bag: BagReader) -> LogTimes:
@@ -65,7 +64,6 @@ class TimeRange(Described):
         return max(start, first), min(end, last)
 
     def sentence(self, bag: BagReader) -> str:
-        """Return what was read, as a sentence."""
         start, end = (((at - (bag.start_ns or 0)) * NANOSECOND) for at in self.span(bag))
         whole = ((bag.end_ns or 0) - (bag.start_ns or 0)) * NANOSECOND
         return f"only a part of the bag was read: from {start:.6g} to {end:.6g} s of {whole:.6g} s"

@@ -59,7 +59,6 @@ class SqliteSource:
         self.unverified_count = 0
 
     def contents(self) -> BagContents:
-        """Return what the file holds."""
         result = BagContents()
         try:
             with closing(self._open()) as base:

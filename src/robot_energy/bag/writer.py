@@ -82,7 +82,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._open = True
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos = DEFAULT_QOS) -> None:
-        """Announce a topic."""
         self._check_open()
         if topic in self._topics:
             raise BagError(f"{topic} is added to {self.path} a second time", "each topic once")

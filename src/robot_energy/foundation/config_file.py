@@ -66,7 +66,6 @@ def load(
     what: str = "configuration file",
     remedy: str = "",
 ) -> M:
-    """Return the checked values of one file."""
     text = read_text(path, error, what, remedy=remedy)
     return validated(parse_yaml(text, str(path), error), model, str(path), error)
 
@@ -119,11 +118,10 @@ def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFile
     except ModelFileError as found:
         raise error(f"{source}: {found.found}", found.expected, found.remedy) from None
     except (yaml.YAMLError, RecursionError, ValueError) as found:
-        mark = getattr(found, "problem_mark", None)
+        mark, said = getattr(found, "problem_mark", None), str(found)
         where = f" at line {mark.line + 1}" if mark is not None else ""
-        said = str(found)  # only its kind if that is more than a line
-        short = said if said and "\n" not in said and len(said) < 80 else type(found).__name__
-        problem = getattr(found, "problem", None) or short
+        short = said and "\n" not in said and len(said) < 80  # else only its kind
+        problem = getattr(found, "problem", None) or (said if short else type(found).__name__)
         raise error(f"{source} is not valid YAML{where}: {problem}") from found
 
 

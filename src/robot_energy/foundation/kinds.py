@@ -46,7 +46,6 @@ class Part:
         self.name = name
 
     def __call__(self, *args: Any) -> Any:
-        """Call the function."""
         return resolve_name(self.name)(*args)
 
 

@@ -76,7 +76,6 @@ class Option:
         return f"{self.text} ({'; '.join(about)})" if about else self.text
 
     def __str__(self) -> str:
-        """What it is, in the documentation."""
         text = self.help.replace("%(choices)s", ", ".join(map(str, self.choices)))
         text = FLAG.sub(lambda flag: f"``{flag[1].replace('-', '_')}``", text)
         return f"{text[:1].upper()}{text[1:]}." + (f" [{self.unit}]" if self.unit else "")

@@ -27,7 +27,6 @@ class RobotPreset(Kind):
 
     @property
     def inputs(self) -> Path:
-        """The parameter file with the inputs."""
         return Path(str(resources.files("robot_energy") / "presets" / f"{self.file}.yaml"))
 
     @property

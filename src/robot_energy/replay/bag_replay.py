@@ -274,12 +274,13 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
     topics = result.topics
     earlier = first - round(result.model.temperature.stale_after * SECOND_NS)
     metered = result.meter.source.topics if topics.meter else ()
-    loaded = result.auxiliary.values()
-    powers = [topic for load in loaded if load.meter for topic in load.meter.source.topics]
-    states = [topic for load in loaded if load.state for topic in load.state.source.topics]
+    loads = [
+        (r.source.topics, 0 if r is load.state else first)
+        for load in result.auxiliary.values()
+        for r in load.readers
+    ]
     return {
-        **dict.fromkeys(powers, (first, last)),
-        **dict.fromkeys(states, (0, last)),
+        **{topic: (since, last) for read, since in loads for topic in read},
         **dict.fromkeys((*(topics.joint_states or ()), *metered), (first, last)),
         **dict.fromkeys(topics.temperatures or (), (earlier, last)),
         **({topics.payload: (0, last)} if topics.payload else {}),

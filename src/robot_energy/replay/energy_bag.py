@@ -51,7 +51,6 @@ class EnergyBagWriter:
     def write(
         self, output: Output, account: EnergyAccount, payloads: Sequence[PayloadChange]
     ) -> None:
-        """Write what one step of the pipeline gave."""
         torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:
             self._frictions.append(output.friction)

@@ -31,7 +31,6 @@ ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipp
 
 
 def model_of(model: ModelName) -> RobotModel:
-    """Return a model, loaded if it is a name."""
     return model if isinstance(model, RobotModel) else load(model)
 
 
@@ -41,7 +40,6 @@ def effort_meaning(effort: str) -> EffortMeaning:
 
 
 def member_named(kind: type[Member], what: str, name: str) -> Member:
-    """Return the member of an enumeration."""
     if name not in tuple(kind):
         raise ParameterError(f"{what} is '{name}'", f"one of {', '.join(kind)}")
     return kind(name)

@@ -133,7 +133,6 @@ def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
 
 
 def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
-    """Return what a result says of its model."""
     return ModelUsed(
         model_id=model.model_id,
         source=model.source,

@@ -78,7 +78,6 @@ _LINE = re.compile(
 
 
 def wrap(version: int, sequence: int, payload: bytes) -> bytes:
-    """Return the content of a state file."""
     if len(payload) > MAX_BYTES:
         raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()

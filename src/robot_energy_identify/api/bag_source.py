@@ -125,11 +125,7 @@ class BagSource:
     ) -> tuple[list[Bag], str]:
         """Return the bags as identification reads them again and again, in parts.
 
-        Args:
-            drive_power: Where the bags have the power of each drive, if they have.
-
-        Returns:
-            The bags, and why their effort cannot be used; empty if it can, or was not stated.
+        Also why their effort cannot be used; empty if it can, or was not stated.
         """
         meaning, read = self.meaning()
         refused = usable_effort(model, meaning)

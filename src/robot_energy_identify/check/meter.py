@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
@@ -32,18 +33,12 @@ TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil sh
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
 
-class MeterLag(NamedTuple):
-    """How far the readings of a meter are behind the joint states.
+class MeterLag(Described):
+    """How far the readings of a meter are behind the joint states."""
 
-    Attributes:
-        lag: Negative for readings that are ahead. [s]
-        gain: Share of what is left unexplained that the lag takes away. [-]
-        shown: Whether that is enough for a lag.
-    """
-
-    lag: float
-    gain: float
-    shown: bool
+    lag: Annotated[float, "Negative for readings that are ahead. [s]"]
+    gain: Annotated[float, "Share of what is left unexplained that it takes away. [-]"]
+    shown: Annotated[bool, "Whether that is enough for a lag."]
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
@@ -156,10 +151,13 @@ def _lag_of(evidence: Evidence, time: Float, measured: Float) -> MeterLag | str:
     left = unexplained(lags)
     now = float(left[int(np.argmin(np.abs(lags)))])
     best, most = int(np.argmin(left)), 1.0 - MIN_CORRELATION**2
-    if left[best] > most or best in (0, len(lags) - 1):  # a clock may be further off
-        reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
-        far = np.arange(-reach, reach + 1e-9, FAR_STEP)
-        lags = far[int(np.argmin(unexplained(far)))] + lags
+    reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
+    far = np.arange(-reach, reach + 1e-9, FAR_STEP)
+    left_far = unexplained(far)
+    least = float(left_far.min())
+    nearer = 1.0 - least / float(left[best]) < MIN_LAG_GAIN + least
+    if left[best] > most or best in (0, len(lags) - 1) or not nearer:  # a clock is further off
+        lags = far[int(np.argmin(left_far))] + lags
         left = unexplained(lags)
         best = int(np.argmin(left))
     if left[best] > most or best in (0, len(lags) - 1):
@@ -178,8 +176,8 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
     found = f"correct {wrong[0]} first" if wrong else _lag_of(evidence, time, measured)
     if isinstance(found, str):
         return [unjudged("meter_clock", ("meter",), "the clock of the meter", found)]
-    lag, gain, shown = found
-    if abs(lag) < MIN_LAG or not shown:
+    lag, gain = found.lag, found.gain
+    if abs(lag) < MIN_LAG or not found.shown:
         return []
     return [
         Finding(

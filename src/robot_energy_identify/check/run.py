@@ -68,9 +68,7 @@ TORQUE, METER = "torque", "power meter"
 class Checks(Described):
     """What the checks of a recording found."""
 
-    findings: Annotated[
-        dict[str, list[Finding]], "By name of the check, in the order in which their causes act."
-    ]
+    findings: Annotated[dict[str, list[Finding]], "By name of the check, as causes act."]
     skipped: Annotated[dict[str, str], "Checks that were not made, with what they lack."]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
@@ -195,10 +193,11 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
     reasons = ", ".join(f"{100 * one:.1f} % {reason}" for reason, one in remarks.refused.items())
     if first == CONFLICTING and SAME_STAMP in remarks.refused:
         first = SAME_STAMP  # for which the others are refused
+    settings = [one.setting for one in remarks.stream if first == CONFLICTING and one.setting]
     return [
         Finding("joint_states_refused", ERROR, ("joint_states",),
                 f"{100 * share:.1f} % of the joint states were refused: {reasons}",
-                share, REFUSED.get(first, NO_REASON)[1])
+                share, *([*settings, REFUSED.get(first, NO_REASON)[1]][:1]))
     ]  # fmt: skip
 
 

@@ -85,28 +85,18 @@ class Bodies(Described):
 class Errors(Described):
     """Most likely errors under given priors."""
 
-    cost: Annotated[
-        float, "Minus twice the logarithm of the marginal likelihood, but for a constant."
-    ]
+    cost: Annotated[float, "Minus twice the logarithm of the marginal likelihood, less a constant."]
     values: Annotated[Float, "Of each column, in its unit."]
     std: Annotated[Float, "Their standard deviations."]
-    unexplained: Annotated[
-        Float, "Share of each joint's torque variance, shape (n,); NaN where unknown."
-    ]
+    unexplained: Annotated[Float, "Of each joint's variance, shape (n,); NaN where unknown. [-]"]
     surprise: Annotated[
-        float,
-        "Squares of the errors of bodies, zeros and gains over their priors, summed, per one of "
-        "them that the recording determines. [-]",
+        float, "Squared errors of bodies, zeros, gains over priors, per one determined. [-]"
     ]
     freedom: Annotated[float, "Part of the cost that is the logarithm of the determinant."]
 
 
 class TorqueFit:
-    """The columns of one recording, summed up as products.
-
-    Args:
-        bodies: Of the same motion and robot, where they are known.
-    """
+    """The columns of one recording, summed up as products; its bodies may be known."""
 
     def __init__(self, evidence: Evidence, bodies: Bodies | None = None) -> None:
         self.evidence, n = evidence, len(evidence.names)
@@ -208,12 +198,10 @@ class TorqueFit:
         return np.sqrt(self.errors.unexplained * self._variance)
 
     def rough_cost(self, evidence: Evidence) -> float:
-        """Return about the cost of the recording as corrected, with the columns of this one.
+        """Return about the cost of evidence with the same torque in other motion, rather too high.
 
-        Rather too high. A hundredth of the work of a fit, it shows what is not worth one.
-
-        Args:
-            evidence: With the same torque in other motion.
+        With the columns of this one it is a hundredth of the work of a fit, and shows what is not
+        worth one.
         """
         torque = evidence.robot.joint_torque(*evidence.motion)
         rest = evidence.motor_torque - _known(evidence, torque)[2]

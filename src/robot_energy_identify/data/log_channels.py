@@ -19,9 +19,7 @@ from robot_energy_logs.mapping import LogMapping
 def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:
     """Return a model with what a mapping says; all else is zero, assumed, to be identified.
 
-    Args:
-        mapping: With ``robot``: URDF and gear ratios.
-        folders: Where the URDF may lie: the folder of the data, that of the mapping.
+    The folders are those where the URDF of its ``robot`` may lie.
     """
     robot = mapping.robot
     if robot is None:

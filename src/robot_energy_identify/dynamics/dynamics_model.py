@@ -40,7 +40,7 @@ def to_model(result: Dynamics, recordings: Sequence[str] = ()) -> RobotModel:
     ):
         if column.written is not None:
             estimate = _estimate(result, name, float(value))
-            joints[owner] = column.write(joints[owner], float(ratio[owner]), estimate)
+            joints[owner] = column.written(joints[owner], float(ratio[owner]), estimate)
     urdf_xml = with_link_parameters(model.urdf_xml, model.joint_names, values[: 10 * len(joints)])
     inertial = int((base.independent < 10 * len(joints)).sum())
     urdf = Urdf(
@@ -141,22 +141,18 @@ def friction_at_joints(result: Dynamics) -> dict[str, tuple[Float, Float]]:
     """
     transmission = Drivetrain.from_model(result.model).transmission
     share = transmission / np.diagonal(transmission)[:, None]
-    names = result.model.joint_names
-    labels = result.base.labels
-    weights = {kind: np.zeros((len(names), len(labels))) for kind in ("viscous", "coulomb")}
-    for joint, name in enumerate(names):
-        for motor, other in enumerate(names):
-            if share[motor, joint] != 0.0 and f"viscous {other}" in labels:
-                place = labels.index(f"viscous {other}")
-                weights["viscous"][joint, place] = share[motor, joint] ** 2
-        if f"joint_viscous {name}" in labels:
-            weights["viscous"][joint, labels.index(f"joint_viscous {name}")] = 1.0
-        for kind in (f"joint_coulomb {name}", f"coulomb {name}"):
-            if kind in labels:
-                weights["coulomb"][joint, labels.index(kind)] = 1.0
-                break
-    fit = result.fit
-    return {
-        kind: (matrix @ fit.values, np.sqrt(np.diag(matrix @ fit.covariance @ matrix.T)))
-        for kind, matrix in weights.items()
-    }
+    names, labels, fit = result.model.joint_names, result.base.labels, result.fit
+    found: dict[str, tuple[Float, Float]] = {}
+    for kind in ("viscous", "coulomb"):
+        matrix = np.zeros((len(names), len(labels)))
+        for joint, name in enumerate(names):
+            weights = {f"joint_{kind} {name}": 1.0}
+            if kind == "viscous":
+                turned = zip(names, share[:, joint].tolist(), strict=True)
+                weights |= {f"viscous {motor}": turns**2 for motor, turns in turned}
+            elif f"joint_coulomb {name}" not in labels:
+                weights[f"coulomb {name}"] = 1.0
+            matrix[joint] = [weights.get(label, 0.0) for label in labels]
+        std = np.sqrt(np.diag(matrix @ fit.covariance @ matrix.T))
+        found[kind] = matrix @ fit.values, std
+    return found

@@ -33,13 +33,9 @@ class GcodeProgram(Described):
 
     path: ToolPath
     notes: tuple[str, ...]
-    unknown: Annotated[
-        dict[str, int], "Codes without meaning here and how often they stood in the program."
-    ]
+    unknown: Annotated[dict[str, int], "Codes without meaning here, and how often."]
     flavor: FoundFlavor
-    accelerations: Annotated[
-        bool, "Whether the program states accelerations, which are not followed."
-    ]
+    accelerations: Annotated[bool, "Whether the program states accelerations; not followed."]
 
 
 def load_gcode(

@@ -28,25 +28,15 @@ class FlowParts(Described):
     """What power or energy from the grid is the sum of, signed; all in [W] or all in [J]."""
 
     joint_names: Sequence[str]
-    rigid: Annotated[
-        Sequence[float], "Into motion and height of each axis; negative while it comes back."
-    ]
+    rigid: Annotated[Sequence[float], "Into motion of each axis; negative while it comes back."]
     friction: Annotated[Sequence[float], "Into friction of each axis, >= 0."]
-    drive_loss: Annotated[
-        Sequence[float], "Into motor and drive of each axis, >= 0; NaN: not modelled, no flow."
-    ]
+    drive_loss: Annotated[Sequence[float], "Of each axis, >= 0; NaN where it is not modelled."]
     loss_dc: Annotated[float, "Constant loss on the DC bus, >= 0."]
     loss_grid: Annotated[float, "Constant loss on the grid side, >= 0."]
     brake: float
-    capacitor: Annotated[
-        float, "Into the capacitor; negative while it gives back; NaN: not modelled, no flow."
-    ]
-    returned: Annotated[
-        float, "Fed back into the grid, >= 0; already subtracted from the grid's sum."
-    ]
-    auxiliary: Annotated[
-        Sequence[tuple[str, float]], "Name and size of each load outside of the cabinet, >= 0."
-    ] = ()
+    capacitor: Annotated[float, "Negative while it gives back; NaN where it is not modelled."]
+    returned: Annotated[float, "Fed back, >= 0; already subtracted from the grid's sum."]
+    auxiliary: Annotated[Sequence[tuple[str, float]], "Name and size of loads outside, >= 0."] = ()
 
     @property
     def terms(self) -> list[float]:

@@ -183,7 +183,6 @@ class RobotState:
             "name": self.name,
             "model_id": newest["model_id"] if newest else None,
             "meter": location.name,
-            "age": None if self._received is None or not self._live else now - self._received,
             "power": self.power(now),
             **{name: json_number(newest[name], 4) if newest and seen else None for name in STATE},
             "means": self._means() if seen else None,
@@ -244,7 +243,7 @@ class RobotState:
             "auxiliary": newest_loads(run),
             "outlet_power": float(run.array("outlet_power")[-1]),
             "meter_location": location if location < len(MeterLocation) else 0,
-            **{name: float(run.array(name)[-1]) for name in POWERS + TOTALS + STATE},
+            **{name: float(run.array(name)[-1]) for name in POWERS + STATE},
             **{
                 name: run.array(f"joints.{name}").reshape(len(stamp), -1)[-1]
                 for name in JOINT_STATE
@@ -329,8 +328,6 @@ class RobotState:
                     **values,
                     **powers,
                     "temperature_source": source if live else TemperatureOrigin.UNKNOWN.name,
-                    "temperature_age": json_number(old, 3) if live else None,
-                    "viscous_std": json_number(friction.get("viscous_std"), 3) if live else None,
                 }
             )
         return rows

@@ -7,7 +7,7 @@ from places import ROOT
 from robot_energy.foundation.errors import MotionError
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion.gcode import load_gcode, read_gcode
-from robot_energy_plan.motion.tool_timing import TimedPath
+from robot_energy_plan.motion.tool_motion import TimedPath
 
 EXAMPLE = ROOT / "src" / "examples" / "programs" / "wall_layer.gcode"
 

@@ -56,14 +56,12 @@ class OutputFolder:
         return self._placement.draft
 
     def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
-        """Return a new file in it."""
         try:
             return (self.draft / name).open("xb", buffering)
         except OSError as trouble:
             raise self.failure(trouble) from trouble
 
     def make(self, name: str) -> None:
-        """Make a folder in it."""
         try:
             os.mkdir(self.draft / name)
         except OSError as trouble:

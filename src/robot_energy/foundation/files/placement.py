@@ -130,7 +130,6 @@ class OutputPlacement:
         self._closed = True
 
     def finish(self) -> None:
-        """Remove what was replaced."""
         _remove(self._aside)
         self._release()
 
@@ -268,7 +267,6 @@ def is_locked(path: Path) -> bool:
 
 
 def is_running(pid: int) -> bool:
-    """Whether a process exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

@@ -30,7 +30,6 @@ class TemporaryFolder(AbstractContextManager["TemporaryFolder"]):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def __exit__(self, *error: object) -> None:
-        """Remove the folder."""
         self.remove()
 
 
