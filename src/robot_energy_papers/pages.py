@@ -35,10 +35,7 @@ BOLD = "**"
 
 
 def document(
-    template: str,
-    context: Mapping[str, Any],
-    pieces: Mapping[str, Piece],
-    package: str = PAPERS,
+    template: str, context: Mapping[str, Any], pieces: Mapping[str, Piece], package: str = PAPERS
 ) -> Document:
     """Return a page."""
     title, lead, *blocks = _blocks(template, context, package)

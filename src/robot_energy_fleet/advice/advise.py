@@ -55,11 +55,7 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    path: str,
-    evidence: RecordedEvidence,
-    model: RobotModel,
-    options: ReplayOptions,
-    named: str,
+    path: str, evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions, named: str
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
@@ -323,14 +319,12 @@ def _recorded(
     found.start_ns, found.end_ns = time.start_ns, time.end_ns
     found.measured_temperature = bool(result.topics.temperatures)
     found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]
+    found.notes += [f"{path}: {one.sentence}" for one in result.joint_states.findings()]
     problems += result.problems
     return found
 
 
-def _basis(
-    evidence: RecordedEvidence,
-    options: AdviseOptions,
-) -> AdviceBasis:
+def _basis(evidence: RecordedEvidence, options: AdviseOptions) -> AdviceBasis:
     span = 0.0
     if evidence.start_ns is not None and evidence.end_ns is not None:
         span = (evidence.end_ns - evidence.start_ns) * NANOSECOND
