@@ -37,6 +37,9 @@ MIN_STRETCHES = 12  # before a lag is found: a minute
 MAX_STRETCHES = 120  # behind it: ten minutes
 MAX_LAG = 1.0  # that is found [s]
 SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
+WINDOW = 60  # of the rolling residual [s]
+MAX_WAITING = 4096  # intervals whose sums are made together
+Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
 class MeterResponse(Described):
@@ -198,32 +201,6 @@ def _energy_at(rows: _Followed, time_ns: Int, side: str) -> Float:
     return start.energy + 0.5 * (start.power + power) * seconds - lag
 
 
-class PowerSwing:
-    """How much a predicted power varies over what was compared.
-
-    Sums are integers, so that the cutting of the input makes no difference.
-    """
-
-    def __init__(self) -> None:
-        self.sums = [0, 0, 0]  # time [ns], energy [nJ], power squared over time [W^2 s]
-
-    def take(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        time_ns, drawn = compared.duration_ns, compared.drawn
-        squares = drawn * drawn / (time_ns * NANOSECOND)
-        for place, values in enumerate((time_ns, drawn * NANOJOULE_PER_JOULE, squares)):
-            self.sums[place] += int(np.rint(values).astype(np.int64).sum())
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the power. [W]"""
-        seconds = self.sums[0] * NANOSECOND
-        if not seconds:
-            return 0.0
-        mean = self.sums[1] / NANOJOULE_PER_JOULE / seconds
-        return math.sqrt(max(self.sums[2] / seconds - mean**2, 0.0))
-
-
 class MeterSums:
     """Sums of what was compared, in whole nanojoules: over stretches, and over readings.
 
@@ -332,6 +309,87 @@ class LagEstimate:
         left = error - lag * step
         std = math.sqrt(float(left @ left) / (len(left) - 2) / squares)
         return min(lag, MAX_LAG) if lag > SIGNIFICANT * std else 0.0
+
+
+class NewestMinute:
+    """Sums over the newest minute that was compared, and of energy fed back since the start.
+
+    Sums are integers, so that they do not depend on how the input is cut; few intervals wait for
+    others.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: deque[tuple[int, Sums]] = deque()  # as of the last `sums`
+        self._sums: Sums = [0, 0, 0]
+        self._waiting: list[Compared] = []
+        self._rows = 0  # of them
+        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable."""
+        self._waiting.append(compared)
+        self._rows += len(compared)
+        if self._rows >= MAX_WAITING:
+            self._settle()
+
+    @property
+    def sums(self) -> Sums:
+        """Over the newest minute."""
+        self._settle()
+        return self._sums
+
+    @property
+    def returned_share(self) -> float:
+        """Energy fed back over energy drawn, by the meter; 0 where a prediction gives some. [-]"""
+        self._settle()
+        return 0.0 if self._predicted_returned or not self._drawn else self._returned / self._drawn
+
+    @property
+    def time(self) -> float:
+        """Compared time within it. [s]"""
+        return self.sums[0] * NANOSECOND
+
+    @property
+    def residual_share(self) -> float:
+        """Predicted minus measured energy, relative to measured. [-]
+
+        NaN where nothing was compared or measured.
+        """
+        _, measured, predicted = self.sums
+        return (predicted - measured) / abs(measured) if measured else math.nan
+
+    def _settle(self) -> None:
+        """Count what waits; how it was cut makes no difference."""
+        if not self._rows:
+            return
+        compared = Compared.concatenate(self._waiting)
+        self._waiting.clear()
+        self._rows = 0
+        second = compared.stamp_ns // SECOND_NS
+        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
+        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
+        self._drawn += int(measured[measured > 0].sum())
+        self._returned -= int(measured[measured < 0].sum())
+        self._predicted_returned -= int(predicted[predicted < 0].sum())
+        starts = starts_of(second)
+        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
+        sums = np.add.reduceat(table, starts, axis=0)
+        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
+            self._add(number, row)
+
+    def _add(self, second: int, sums: Sums) -> None:
+        seconds = self.seconds
+        if seconds and second < seconds[-1][0]:
+            seconds.clear()  # the recording loops
+            self._sums = [0, 0, 0]
+        if seconds and second == seconds[-1][0]:
+            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
+        else:
+            seconds.append((second, list(sums)))
+        self._sums = [a + b for a, b in zip(self._sums, sums, strict=True)]
+        while seconds[0][0] <= second - WINDOW:
+            _, old = seconds.popleft()
+            self._sums = [a - b for a, b in zip(self._sums, old, strict=True)]
 
 
 def starts_of(number: Int) -> Int:

@@ -98,10 +98,7 @@ class LossModel:
         self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
-        """Return shaft power plus losses, which are never negative.
-
-        Arguments and result as in `Drive.input_power`.
-        """
+        """Return shaft power plus losses, which are never negative, as in `Drive.input_power`."""
         given = shaft_power, motor_velocity, motor_torque, motor_temperature_degc
         return loss_model_power(*given, **self._figures), None
 
@@ -132,10 +129,7 @@ class EfficiencyMaps:
         self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
-        """Return shaft power over the efficiency of the nearest point of the map.
-
-        Arguments and result as in `Drive.input_power`.
-        """
+        """Return shaft power over the efficiency at the nearest point as in `Drive.input_power`."""
         power = np.full_like(shaft_power, np.nan)
         extrapolated = np.zeros(shaft_power.shape, dtype=np.bool_)
         for joint, tree in enumerate(self._trees):
@@ -171,10 +165,7 @@ class LossMaps:
         self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
-        """Return shaft power plus losses, which are never negative.
-
-        Arguments and result as in `Drive.input_power`.
-        """
+        """Return shaft power plus losses, which are never negative, as in `Drive.input_power`."""
         power, extrapolated = shaft_power.copy(), np.zeros(shaft_power.shape, dtype=np.bool_)
         for joint, (speeds, loads, loss) in enumerate(self._maps):
             faster, heavier = self._beyond[joint]
