@@ -32,7 +32,7 @@ from robot_energy_identify.check.evidence import (
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter, lag_of
-from robot_energy_identify.check.motion import check_motion
+from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread, undone
 from robot_energy_identify.dynamics.dynamics import Dynamics
@@ -180,7 +180,7 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
     """Refuse positions and velocities that do not fit each other, or in another unit.
 
     Returns:
-        What else is wrong with the joint states, one sentence each.
+        What else is wrong with joint states and meter, one sentence each.
     """
     found, _ = check_motion(_evidence_of(recording, EffortMeaning.NONE))
     _refuse(
@@ -191,9 +191,11 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
         ],
         "positions in rad or m, and their change as velocity",
     )
-    states = None if recording.replay is None else recording.replay.joint_states
-    problems = () if states is None else states.findings()
-    return tuple(f"{recording.path.name}: {one.sentence}" for one in problems)
+    problems = [_sentence(one) for one in found if one.cause == STAMPS_UNEVEN]
+    if (result := recording.replay) is not None:
+        problems += [one.sentence for one in result.joint_states.findings()]
+        problems.append(result.meter.refused)
+    return tuple(f"{recording.path.name}: {one}" for one in problems if one)
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:

@@ -39,7 +39,6 @@ def dynamics_document(
     report: DynamicsReport,
     page: Document,
     reference: ReferenceValues | None = None,
-    effort: Sequence[tuple[str, str]] = (),
     details: bool = False,
     friction_follows: bool = False,
 ) -> None:
@@ -64,7 +63,6 @@ def dynamics_document(
                 f"{delay.value * 1e3:+.1f} ms would lower the held-out error by "
                 f"{percent(delay.gain)}: {delay_use(delay, 'applied')}",
             ),
-            *effort,
         ]
     )
     errors = {

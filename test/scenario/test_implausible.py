@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +17,19 @@ from places import ROOT
 from plants import LIMITS, two_link_profile
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
+from robot_energy.replay.api import replay as replayed
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
 from robot_energy_identify import refused_recordings
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import Finding
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.refused_recordings import notes_on_torque, refuse_torque, torque_evidence
+from robot_energy_identify.refused_recordings import (
+    notes_on_torque,
+    refuse_motion,
+    refuse_torque,
+    torque_evidence,
+)
 from robot_energy_plan.motion import Program
 from robot_energy_rig import RigConfig, VirtualRig
 from robot_energy_rig.record import record
@@ -243,6 +250,18 @@ def test_velocities_that_are_not_the_change_of_the_positions(
     assert "robot-energy: other: " in said
     assert cause in said
     assert "joint_states: {velocity" in said
+
+
+def test_readings_that_are_refused_are_named(bag: Path, tmp_path: Path) -> None:
+    def unknown(message: Any) -> None:
+        message.meaning = 0
+
+    other = rewrite(bag, tmp_path / "other", None, unknown)
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    assert "other: of 299 messages of the power meter 299 unknown_meaning were refused" in note
+    assert note in "; ".join(f"other: {one}" for one in replayed(other, path).report.notes)
+    assert not refuse_motion(read_recording(bag, load(path), EffortMeaning.NONE))
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(

@@ -90,17 +90,17 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        check command commands export fleet history identify identify_drives
-        identify_dynamics identify_excitation identify_inputs import_logs info kinds layouts
-        listings main model_reference models monitoring motions replay replay_arguments
-        report result_schema simulate stopping terminal test
+        check command commands dashboards export fleet history identify identify_drives
+        identify_dynamics identify_excitation identify_inputs import_logs info listings
+        main model_reference models motions replay replay_arguments report result_schema
+        simulate terminal test
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
         merged_laws options report sisters tables
     """,
     "robot_energy_fleet.advice": """
-        advise claims dataset_evidence evidence
+        advise claims evidence
     """,
     "robot_energy_fleet.documents": """
         advice fleet
@@ -109,8 +109,8 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files jobs notes outputs queries readings rollup rows savings
-        schema store tariffs use
+        api bags check differences files outputs queries readings rollup rows savings
+        store tariffs use
     """,
     "robot_energy_identify": """
         auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
@@ -173,26 +173,24 @@ MODULES = {
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
         joint_trajectory load_motion planar planned ptp ptp_file sampled_motion slicing tool_corners
-        tool_motion tool_timing trajectory_io
+        tool_motion
     """,
     "robot_energy_plan.optimization": """
-        chain comparison deviations forms gcode_form levelling measures program_form rest_states
-        search task time_law timed_moves trajectory_form
+        chain comparison deviations gcode_form measures program_form rest_states search task
+        time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month history_tables html identification identify_all jobs layout model notebook
-        optimization prediction printing recordings repeats replay replay_figures
-    """,
-    "robot_energy_report.layouts": """
-        plots viewers
+        canvas document drives dynamics energy evaluation formats headline held_out
+        history_month history_tables html identification identify_all jobs layout layouts
+        model notebook optimization prediction printing recordings repeats replay
+        replay_figures
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics recording robot_state saved_page
+        access alarms energy_flow headless_browser history history_figures history_view hub
+        json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """

@@ -184,6 +184,7 @@ class EnergyAccount:
             partial(vars(registers).update, time=replace(registers.time)),
             partial(vars(shaft).update, compared_ns=shaft.compared_ns.copy()),
             partial(vars(comparison).update, compared_ns=comparison.compared_ns),
+            partial(vars(comparison.swing).update, sums=[*comparison.swing.sums]),
             *(() if self.auxiliary is None else self.auxiliary.mark()),
         ]
         try:

@@ -12,15 +12,23 @@ from __future__ import annotations
 from collections import defaultdict, deque
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import isfinite, nan
+from math import isfinite, nan, sqrt
 from typing import Annotated
 
 import numpy as np
 
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.meter_response import LagEstimate, MeterResponse, ShownPower, starts_of
+from robot_energy.accounting.meter_response import (
+    MAX_LAG,
+    LagEstimate,
+    MeterResponse,
+    PowerSwing,
+    ShownPower,
+    starts_of,
+)
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
+from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.physics import kernels
@@ -46,6 +54,7 @@ MAX_EPOCHS = 8  # of the meter that wait for the prediction to follow
 EARLY_NS = 5 * SECOND_NS  # a reading stamped this much later than the prediction is not a delay
 ALONE_NS = 10 * SECOND_NS  # a jump of one side that the other does not follow by then
 ALONE_READINGS = 3  # of the meter that must have come meanwhile
+MAX_LATE = 0.02  # of the measured energy that the lag of the meter may make
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
 WINDOW = 60  # of the rolling residual [s]
 MAX_WAITING = 4096  # intervals whose sums are made together
@@ -171,6 +180,7 @@ class Comparison(ExactSum):
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
         minute: Sums over the newest minute.
+        swing: How much the predicted power varied over what was compared.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
         early_since_ns: Predicted stamp since which readings are stamped more than
@@ -187,7 +197,7 @@ class Comparison(ExactSum):
     ) -> None:
         super().__init__(2)  # measured, predicted
         self._stated = response
-        self.lag, self.minute = LagEstimate(), NewestMinute()
+        self.lag, self.minute, self.swing = LagEstimate(), NewestMinute(), PowerSwing()
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -213,6 +223,23 @@ class Comparison(ExactSum):
         return self._stated or MeterResponse(self.lag.lags[-1])
 
     @property
+    def late_energy(self) -> float:
+        """What the lag of the meter makes of the compared energies, +- in nine of ten cases. [J]
+
+        A meter that is late by T shows T dP less than is drawn, dP the change of the power from the
+        first reading to the last. Until its lag is known it may be as late as any that is found.
+        """
+        known = self._stated is not None or self.lag.known
+        lag = abs(self.response.time_constant + self.response.delay) if known else MAX_LAG
+        return lag * Z90 * sqrt(2.0) * self.swing.std
+
+    @property
+    def comparable_energy(self) -> float:
+        """Predicted energy to be set against the measured one; NaN while the lag matters. [J]"""
+        sure = self.late_energy <= MAX_LATE * abs(self.measured_energy)
+        return self.predicted_energy if self.compared_ns and sure else nan
+
+    @property
     def measured_energy(self) -> float:
         """Measured energy over the compared intervals. [J]"""
         return float(self.joule[0])
@@ -225,7 +252,7 @@ class Comparison(ExactSum):
     def reset(self) -> None:
         """Begin at zero; what still waits for the meter is compared later."""
         super().reset()
-        self.compared_ns = 0
+        self.compared_ns, self.swing = 0, PowerSwing()
 
     def interrupt(self) -> None:
         """Compare nothing between the last and the next sample."""
@@ -402,6 +429,7 @@ class Comparison(ExactSum):
                 found = result, energy, start + np.cumsum(result.duration_ns)
         result, energy, end_ns = found or _compared(predicted, measured, start, until)
         self.add(energy)
+        self.swing.take(result)
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
 

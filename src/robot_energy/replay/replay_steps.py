@@ -53,22 +53,19 @@ class LoadIngest:
             MeterIngest(source, typestore) if source is not None else None
             for source in (topics.meter, topics.state)
         )
+        self.readers = [reader for reader in (self.meter, self.state) if reader is not None]
 
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
-        """Return what comes of the messages of a part of a bag."""
         return self._each(
             lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])
         )
 
     def flush(self) -> LoadReadings:
-        """Return what still waits, as at the end of a bag."""
         return self._each(lambda reader: reader.flush())
 
     def restart(self) -> None:
-        """Drop what waits, as after an error."""
-        for reader in (self.meter, self.state):
-            if reader is not None:
-                reader.restart()
+        for reader in self.readers:
+            reader.restart()
 
     def _each(self, take: Callable[[MeterIngest], MeterBlock | None]) -> LoadReadings:
         meter, state = (None if r is None else take(r) for r in (self.meter, self.state))
@@ -126,8 +123,7 @@ def read_steps(
     auxiliary = [
         topic
         for load in inputs.auxiliary.values()
-        for reader in (load.meter, load.state)
-        if reader is not None
+        for reader in load.readers
         for topic in reader.source.topics
     ]
     wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *auxiliary)

@@ -151,10 +151,13 @@ def _lag_of(evidence: Evidence, time: Float, measured: Float) -> MeterLag | str:
     left = unexplained(lags)
     now = float(left[int(np.argmin(np.abs(lags)))])
     best, most = int(np.argmin(left)), 1.0 - MIN_CORRELATION**2
-    if left[best] > most or best in (0, len(lags) - 1):  # a clock may be further off
-        reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
-        far = np.arange(-reach, reach + 1e-9, FAR_STEP)
-        lags = far[int(np.argmin(unexplained(far)))] + lags
+    reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
+    far = np.arange(-reach, reach + 1e-9, FAR_STEP)
+    left_far = unexplained(far)
+    least = float(left_far.min())
+    nearer = 1.0 - least / float(left[best]) < MIN_LAG_GAIN + least
+    if left[best] > most or best in (0, len(lags) - 1) or not nearer:  # a clock is further off
+        lags = far[int(np.argmin(left_far))] + lags
         left = unexplained(lags)
         best = int(np.argmin(left))
     if left[best] > most or best in (0, len(lags) - 1):

@@ -20,6 +20,7 @@ MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
 DEGREES = 180.0 / np.pi
+STAMPS_UNEVEN = "stamps_uneven"
 MIN_BEYOND = 0.02  # share of samples beyond a limit
 
 MIN_REST = 2.0  # s of a joint, below which its noise may be motion
@@ -100,8 +101,8 @@ def _degrees_unseen(evidence: Evidence) -> Iterator[Finding]:
     yield unjudged("degrees", (), "whether positions are in radians", why)
 
 
-def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
-    """Mean velocity of each step from its positions, and from the recorded velocities."""
+def _change(evidence: Evidence, joint: int) -> tuple[Float, Float, Float]:
+    """Mean velocity of each step from its positions and from the recorded velocities; its time."""
     time = np.diff(evidence.stamp_ns) * NANOSECOND
     same = (np.diff(evidence.segment) == 0) & (time > 0)
     position, velocity = evidence.position[:, joint], evidence.velocity[:, joint]
@@ -109,7 +110,7 @@ def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
     if evidence.robot.limits.wraps[joint]:
         step = shortest(step)
     change = step[same] / time[same]
-    return change, 0.5 * (velocity[1:] + velocity[:-1])[same]
+    return change, 0.5 * (velocity[1:] + velocity[:-1])[same], time[same]
 
 
 def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
@@ -118,7 +119,7 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
     name, position = evidence.names[joint], evidence.position[:, joint]
     away = position - position[0]
     travel = float(np.ptp(shortest(away) if evidence.robot.limits.wraps[joint] else away))
-    change, velocity = _change(evidence, joint)
+    change, velocity, time = _change(evidence, joint)
     if travel > MIN_TRAVEL and not velocity.any():
         yield Finding(
             "velocity_zero", ERROR, (name,),
@@ -129,6 +130,7 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
         return
     correlation = float(np.corrcoef(change, velocity)[0, 1])
     slope = float(velocity @ change / (change @ change))
+    way = np.abs(velocity) @ time / (np.abs(change) @ time)  # stamps that are rounded leave it
     if correlation < -MIN_FIT:
         yield Finding(
             "velocity_sign", ERROR, (name,),
@@ -144,6 +146,14 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
             correlation, *remedies.NO_VELOCITY,
         )  # fmt: skip
     elif abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
+        if abs(way - 1.0) <= MAX_SCALE_ERROR:
+            yield Finding(
+                STAMPS_UNEVEN, WARNING, (name,),
+                f"the position of {name} changes unevenly from stamp to stamp, its velocity does "
+                "not: stamps are rounded or late",
+                slope, *remedies.RECEIPT,
+            )  # fmt: skip
+            return
         yield Finding(
             "velocity_scale", ERROR, (name,),
             f"the velocity of {name} is {slope:.3g} times the change of its position"
@@ -227,7 +237,7 @@ def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> Iterator[
         if is_foreign or (_unit(evidence, one) in kinds and not far[one])
     )
     scales = [1.0 / _unit(evidence, one).factor for one in joints]
-    change, velocity = _change(evidence, joint)
+    change, velocity, _ = _change(evidence, joint)
     slope = float(velocity @ change / (change @ change)) if change.any() else 1.0
     sound = slope > 0 and abs(np.log(slope * unit.factor)) < NEAR  # the velocity is in SI
     quantities = ("position",) if sound else ("position", "velocity")

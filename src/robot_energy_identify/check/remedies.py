@@ -11,13 +11,14 @@ import yaml
 
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
-from robot_energy.inputs.parameters import POSITIONS
+from robot_energy.inputs.parameters import POSITIONS, RECEIVE
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import MODEL, PARAMETERS
 from robot_energy_identify.check.possible_causes import Cause
 
 Remedy = tuple[str, str]  # line of YAML, file
 NO_VELOCITY: Remedy = f"joint_states: {{velocity_source: {POSITIONS}}}", PARAMETERS
+RECEIPT: Remedy = f"joint_states: {{stamp_source: {RECEIVE}}}", PARAMETERS
 
 
 def corrected(

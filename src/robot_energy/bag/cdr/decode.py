@@ -100,7 +100,6 @@ class RawBatch:
         return cls(topic, msgtype, times, buffer, np.cumsum(length) - length, length)
 
     def __len__(self) -> int:
-        """Return the number of messages."""
         return len(self.offset)
 
     def __getitem__(self, rows: slice | NDArray[np.int64]) -> RawBatch:
@@ -128,7 +127,6 @@ class RawBatch:
             start = stop
 
     def row(self, i: int) -> bytes:
-        """Return message ``i`` as bytes."""
         start, length = int(self.offset[i]), int(self.length[i])
         if not 0 <= start <= start + length <= len(self.buffer):
             raise ShapeError(
@@ -250,7 +248,6 @@ class _Layout:
         return Run(index, columns) if agree else None
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
-        """Return the columns of rows that agree."""
         columns: dict[str, Column] = {}
         for path, column in self.columns.items():
             constant = isinstance(column, str | tuple)

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
+MIN_ROUNDED_NS = SECOND_NS // 1000  # that make steps of a robot uneven
 MIN_GRID_NS = SECOND_NS // 10_000  # a driver rounds its stamps to no less
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
 BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
@@ -316,6 +317,12 @@ class JointStateIngest:
                 "publishers contradict each other, stamps are rounded or late, or rows are "
                 f"corrupt: {refused} samples refused"
             )
+            if grid_ns >= MIN_ROUNDED_NS and not self._receive_time:
+                setting = "joint_states: {stamp_source: receive}"
+                sentence += (
+                    f"; the stamps are multiples of {1e-6 * grid_ns:.3g} ms: if the driver rounds "
+                    "them, set joint_states.stamp_source to receive"
+                )
         else:
             return []
         newest = self.newest_ns or 0  # a stamp that stands still is as new
