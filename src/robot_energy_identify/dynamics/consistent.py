@@ -141,7 +141,8 @@ def _cones(
     import clarabel
 
     # the scales are positive
-    blocks, offsets = [-np.eye(size)[list(positive)]], [np.zeros(len(positive))]
+    blocks: list[Float] = [-np.eye(size)[list(positive)]]
+    offsets: list[Float] = [np.zeros(len(positive))]
     cones: list[Any] = [clarabel.NonnegativeConeT(len(positive))]
     basis = np.stack([_upper(pseudo_inertia(unit)) for unit in np.eye(10)], axis=1)
     for link in range(n_links):
