@@ -25,7 +25,6 @@ SHARPNESS = 100.0  # of the smooth maximum: above the true one by at most ln(2 N
 HEIGHT_SCALE = 1.0  # m: a tool 1 cm too low counts as 1 % over
 RAMP = 0.5  # s to full speed, where nothing is known of the acceleration
 STEP = 1e-6  # of numerical derivatives, share of a limit
-KINDS = ("position", "velocity", "acceleration", "torque", "floor")
 
 
 class Floor(Described):
