@@ -177,10 +177,7 @@ class RigRecording(Described):
 
 
 class RigEncoder:
-    """Serializes the output of a rig to ROS 2 messages.
-
-    ``/joint_states`` has motor torque in ``effort``, as reported by the drives.
-    """
+    """Serializes a rig to ROS 2 messages; ``effort`` is motor torque, as drives report it."""
 
     def __init__(self, joint_names: tuple[str, ...]) -> None:
         n_joints = len(joint_names)

@@ -282,10 +282,7 @@ STRENGTH = {"spring": "stiffness", "lever": "moment", "gas_spring": "force"}
 
 
 def open_springs(model: RobotModel) -> dict[int, AnySpring]:
-    """Return counterbalances that recordings are to determine, by joint: of assumed strength.
-
-    Published, derived and identified ones count as known.
-    """
+    """Return counterbalances of assumed strength, which recordings are to determine, by joint."""
     return {
         joint: entry
         for joint, entry in enumerate(one.counterbalance for one in model.joints)

@@ -100,10 +100,7 @@ class ExcitationLimits:
             self.robot.link_position(self.middle, floor.link)  # refuses an unknown link
 
     def joint_torque(self, motion: Trajectory) -> Float:
-        """Return the torque that drives must give, friction, rotors and payload included.
-
-        Joint side, shape (N, n) [N m] or [N]; friction at the fallback temperature of the model.
-        """
+        """Return torque of drives, friction at the fallback temperature, (N, n). [N m] or [N]"""
         chain, acceleration = self._drivetrain, motion.joint_acceleration
         torque = self.robot.joint_torque(motion.joint_position, motion.joint_velocity, acceleration)
         rigid = chain.motor_torque_from_joint(torque) + chain.rotor_torque(acceleration)

@@ -125,10 +125,7 @@ class HeldOutEnergy(Described):
 
     @property
     def worst(self) -> Tested | None:
-        """The recording with the greatest energy error of the final model.
-
-        Among those at temperatures of their fit, where there is any.
-        """
+        """The recording of those `judged` with the greatest energy error of the final model."""
         last = self.stages[-1]
         return max(self.judged, key=lambda entry: abs(entry.error(last)), default=None)
 
