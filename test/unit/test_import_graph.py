@@ -133,7 +133,7 @@ MODULES = {
         total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
+        base_parameters consistent dynamics dynamics_model leave_one_out
         torque_model validation
     """,
     "robot_energy_identify.excitation": """
@@ -147,7 +147,7 @@ MODULES = {
         dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        actuators arm description model_remarks model_text priors
+        arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
         cross_validation held_out_energy lag regression systematic
