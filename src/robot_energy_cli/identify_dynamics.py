@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 TOOL = "tool0"
 CSV, BAG = "excitation.csv", "excitation_bag"
 
-
 EXCITATION_OPTIONS: Options = {
     "--model FILE|NAME": ("model of the robot", REQUIRED),
     "--out FOLDER": ("folder of the files", REQUIRED),
@@ -160,7 +159,6 @@ def _floor(args: Namespace, model: RobotModel) -> Floor | None:
 
 
 EXCITATION = Command.of(_excitation.__doc__, _excitation, EXCITATION_OPTIONS)
-
 
 DYNAMICS_OPTIONS: Options = {
     **bag_options(required=False, effort="what the effort in the joint states of bags means"),

@@ -101,7 +101,6 @@ def _read(
 
 INFO = Command.of(_info.__doc__, _info, {"bag": "MCAP file, or rosbag2 folder"})
 
-
 MISTAKES = 2  # exit code: a recording does not fit
 STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
@@ -160,7 +159,6 @@ def _show(result: CheckResult) -> None:
 
 
 CHECK = Command.of(_check.__doc__, _check, {**bag_options(robot=True), **JSON_OPTION})
-
 
 TEST_OPTIONS: Options = {
     "bags BAG": (BAG, {"nargs": "*"}),

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 CHECKED_TIME = 600.0  # s of a recording
 DIFFERENCE = 0.03  # of shaft energies, over measured out + back: more has a cause
 
-
 REPLAY_OPTIONS: Options = {
     "bag": BAG,
     **flags(ReplayOptions, "processes"),
@@ -252,7 +251,6 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
 
 REPLAY = Command.of(_run_replay.__doc__, _run_replay, REPLAY_OPTIONS)
 
-
 REPORT_OPTIONS: Options = {
     "source BAG|JSON": (f"{BAG}; or a JSON file", LIST),
     "--out FILE": ("the report: .html, or .pdf where a Chromium is installed", REQUIRED),
@@ -328,10 +326,8 @@ def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves]:
 
 REPORT = Command.of(_report.__doc__, _report, REPORT_OPTIONS)
 
-
 WHAT = "the table"
 KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
-
 
 EXPORT_OPTIONS: Options = {
     "bag": BAG,

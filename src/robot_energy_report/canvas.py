@@ -20,7 +20,6 @@ from robot_energy_report.formats import typeset
 
 Axes = Any  # the annotations of matplotlib are partly unknown
 Target = str | Path | BytesIO  # a file, or a buffer for SVG
-
 # Colours are those of page.css, as it is in the light.
 COLOURS = {"measured": "#b4470b", "predicted": "#0b5cad", "fixed": "#7a3fc4"}
 PART_COLOURS = {
