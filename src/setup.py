@@ -65,7 +65,7 @@ setup(
     version=VERSION,
     packages=find_packages(include=[part for name in PACKAGES for part in (name, f"{name}.*")]),
     package_data={
-        "": ["py.typed", "README.md"],
+        "": ["*.pyi", "py.typed", "README.md"],
         NAME: [
             "models/*.yaml",
             "models/*.urdf",

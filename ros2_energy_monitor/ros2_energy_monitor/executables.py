@@ -22,6 +22,4 @@ EXECUTABLES = {
     "security_policy": "ros2_energy_monitor.security_policy",
     "player": "ros2_energy_monitor.nodes.player",
     "demo": "ros2_energy_monitor.demo.demo",
-    "all_topics": "ros2_energy_monitor.demo.all_topics",
-    "live_study": "ros2_energy_monitor.demo.live_study",
 }

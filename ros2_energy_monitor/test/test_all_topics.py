@@ -10,12 +10,17 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 from rclpy.context import Context
 
 from robot_energy.bag import BagReader
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
-from ros2_energy_monitor.demo.all_topics import TYPES, record, write
+
+sys.path.append(str(Path(__file__).resolve().parent))
+from all_topics import TYPES, record, write
 
 
 def test_a_short_recording_has_every_topic(bench, tmp_path):

@@ -31,7 +31,7 @@ from robot_energy.foundation.errors import PageError, ParameterError
 from robot_energy_history.store import HistoryStore
 from robot_energy_report.page import web_app
 from ros2_energy_monitor.base.publishers import best_effort
-from ros2_energy_monitor.demo.live_study import NodeProcesses
+from ros2_energy_monitor.demo.node_processes import NodeProcesses
 from ros2_energy_monitor.nodes.console import Console
 from ros2_energy_monitor.nodes.energy_dashboard import EnergyDashboard
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import pty
 import signal
@@ -36,13 +35,9 @@ from robot_energy.foundation.errors import (
     BagError,
     MessageTypeError,
     MissingTopicError,
-    ReportError,
 )
-from robot_energy.model import load, save
-from robot_energy.replay.bag_replay import replay
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.playback_clock import PlaybackClock
-from ros2_energy_monitor.demo import live_study
 from ros2_energy_monitor.executables import EXECUTABLES
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.player import Player
@@ -351,47 +346,4 @@ def test_commands_refuse_in_one_sentence(monkeypatch, capfd, tmp_path):
         return "".join(capfd.readouterr())
 
     assert len(said("player", str(tmp_path / "none")).splitlines()) == 1
-    assert "robot-energy reproduce paper-a" in said("live_study", str(tmp_path))
     assert "--rate: is 0; expected a finite number > 0" in said("player", "bag", "--rate", "0")
-
-
-def test_a_study_that_is_none_is_refused(tmp_path):
-    (tmp_path / "figures.json").write_text('{"sets": [{"bag": "a"}]}')
-    with pytest.raises(ReportError, match="holds no study"):
-        live_study.read_study(tmp_path)
-
-
-@pytest.mark.long
-def test_three_processes_give_the_energies_of_the_replay(
-    child_environment, recording, tmp_path, capsys
-):
-    """A recording with a gap and a repeated sample, four times as fast as nature.
-
-    Slower where this machine is too busy for that, as the program itself advises.
-    """
-    books = replay(recording, load("kr16")).account.comparison
-    entry = {
-        "bag": "rig",
-        "robot_degc": 20.0,
-        "measured_energy": books.measured_energy,
-        "predicted_energy": {"follows": books.predicted_energy},
-    }
-    (tmp_path / "bags").mkdir()
-    (tmp_path / "bags" / "rig").symlink_to(recording)
-    (tmp_path / "figures.json").write_text(json.dumps({"sets": [entry]}))
-    save(load("kr16"), tmp_path / "identified.yaml")
-    for rate in (RATE / 2, RATE / 16):
-        done = run(child_environment, "live_study", str(tmp_path), "--rate", str(rate))
-        if "messages are lost where the computer is too busy" not in done.stdout:
-            break
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "nodes and replay agree" in done.stdout
-    (expected,) = live_study.read_study(tmp_path)
-
-    class Registers:
-        predicted_energy_at_meter = books.predicted_energy * 1.001
-        measured_energy = books.measured_energy
-
-    assert not live_study._tell(expected, Registers)
-    assert "differs" in capsys.readouterr().out
-    assert not live_study._tell(expected, None)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from robot_energy_cli import (
+    check,
     dashboards,
+    export,
     fleet,
     history,
     identify,
     identify_drives,
     identify_dynamics,
+    identify_excitation,
+    import_logs,
+    info,
     listings,
     models,
     motions,
-    recordings,
     replay,
+    report,
     simulate,
+    test,
 )
 from robot_energy_cli.command import Command, Group
 
@@ -25,7 +31,7 @@ IDENTIFY = Group(
     "what",
     "WHAT",
     lambda: (
-        identify.ALL, identify_dynamics.EXCITATION, identify.FRICTION, identify_dynamics.DYNAMICS,
+        identify.ALL, identify_excitation.COMMAND, identify.FRICTION, identify_dynamics.COMMAND,
         identify.CABINET, identify_drives.COMMAND, identify.THERMAL, identify.AUXILIARY,
     ),
 )  # fmt: skip
@@ -38,8 +44,8 @@ FLEET = Group(
     lambda: (fleet.RUN, fleet.REPORT, fleet.IDENTIFY),
 )
 COMMANDS: tuple[Command | Group, ...] = (
-    replay.REPLAY, replay.REPORT, replay.EXPORT, recordings.IMPORT, recordings.CHECK,
-    recordings.TEST, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
-    motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, recordings.INFO,
+    replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
+    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
+    motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
     simulate.COMMAND, listings.SCHEMA, dashboards.LAYOUTS, dashboards.MONITORING,
 )  # fmt: skip

@@ -66,8 +66,7 @@ def _tool_table(several: bool = False) -> Options:
 
 def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
     from robot_energy_plan.motion.load_motion import ToolOptions, joint_list
-    from robot_energy_plan.motion.tool_motion import ToolPlacement
-    from robot_energy_plan.motion.tool_timing import ToolLimits
+    from robot_energy_plan.motion.tool_motion import ToolLimits, ToolPlacement
 
     placement = ToolPlacement()
     if base is not None:

@@ -1,4 +1,4 @@
-"""Commands that replay bags: `robot-energy replay`, `report` and `export`."""
+"""The command `robot-energy replay`."""
 
 from __future__ import annotations
 
@@ -10,24 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import PageError, ReportError
-from robot_energy.foundation.extras import require
-from robot_energy.foundation.files.output_files import (
-    CSV,
-    PARQUET,
-    FileKind,
-    check_file,
-    write_file,
-)
 from robot_energy.foundation.process_memory import keep_freed_memory
-from robot_energy.foundation.shown_text import shown
 from robot_energy.replay.options import OUTPUTS as WRITTEN
 from robot_energy.replay.options import ReplayOptions
-from robot_energy_cli.command import LIST, REQUIRED, Command, Options, flags
+from robot_energy_cli.command import Command, Options, flags
 from robot_energy_cli.replay_arguments import (
     BAG,
     DAMAGED,
     PAGE,
-    PAGE_SETTINGS,
     model_named,
     options_given,
     replay_options,
@@ -36,12 +26,8 @@ from robot_energy_cli.terminal import (
     JSON_OPTION,
     check_bag,
     check_outputs,
-    check_report,
-    console,
     present,
     progress,
-    sign,
-    wrote,
 )
 
 if TYPE_CHECKING:
@@ -50,12 +36,12 @@ if TYPE_CHECKING:
     from robot_energy.replay.bag_replay import Replay
     from robot_energy.results.replay import ReplayReport
     from robot_energy_report.page.recording import RecordedPage
-    from robot_energy_report.replay import ReplayCurves
 
 CHECKED_TIME = 600.0  # s of a recording
 DIFFERENCE = 0.03  # of shaft energies, over measured out + back: more has a cause
 
-REPLAY_OPTIONS: Options = {
+
+OPTIONS: Options = {
     "bag": BAG,
     **flags(ReplayOptions, "processes"),
     "outputs": {
@@ -75,7 +61,7 @@ REPLAY_OPTIONS: Options = {
 }
 
 
-def _run_replay(args: Namespace) -> int:
+def _run(args: Namespace) -> int:
     """`robot-energy replay`: where the energy of a recorded bag went.
 
     Run a recorded bag through the model of its robot and print where the energy went: predicted and
@@ -112,7 +98,7 @@ def _run_replay(args: Namespace) -> int:
         raise PageError("--page-settings was given alone", "--serve or --report FILE")
     if args.port is not None and not args.serve:
         raise PageError("--port was given without --serve", "--serve --port N")
-    model, change = _model(args)
+    model, change = model_given(args)
     settings = load_settings(args.page_settings or "")
     written = {"out": args.out, "overwrite": args.overwrite}
     temperatures = TemperatureHistory(model.joint_names)
@@ -126,11 +112,11 @@ def _run_replay(args: Namespace) -> int:
             written["power_period"] = page.period
     kept = args.plot is not None or args.report is not None
     with all_or_none():
-        results = [_replay(args, args.bag, model, take, kept, written)]
+        results = [replayed(args, args.bag, model, take, kept, written)]
         changes, second = [change], None
         if args.compare is not None:
             other, changed = fixed_friction(model, args.compare)
-            results.append(_replay(args, args.bag, other, (), kept, {}))
+            results.append(replayed(args, args.bag, other, (), kept, {}))
             changes.append(changed)
             second = replay_report(results[1], changed)
         report = _explained(args, replay_report(results[0], change, second), model)
@@ -152,7 +138,8 @@ def _run_replay(args: Namespace) -> int:
     return DAMAGED if results[0].problems else 0
 
 
-def _model(args: Namespace) -> tuple[RobotModel, str | None]:
+def model_given(args: Namespace) -> tuple[RobotModel, str | None]:
+    """The model, and how its friction was changed."""
     from robot_energy.model import load
     from robot_energy.replay.api import fixed_friction
 
@@ -161,7 +148,7 @@ def _model(args: Namespace) -> tuple[RobotModel, str | None]:
     return (model, None) if fixed is None else fixed_friction(model, fixed)
 
 
-def _replay(
+def replayed(
     args: Namespace,
     bag: str,
     model: RobotModel,
@@ -169,6 +156,7 @@ def _replay(
     curves: bool,
     written: dict[str, Any],
 ) -> Replay:
+    """Replay a bag with what was typed; each output goes to all of ``take``."""
     from robot_energy.replay.bag_replay import replay
     from robot_energy.replay.setup import ReplaySetup
 
@@ -249,134 +237,4 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
 
 
-REPLAY = Command.of(_run_replay.__doc__, _run_replay, REPLAY_OPTIONS)
-
-REPORT_OPTIONS: Options = {
-    "source BAG|JSON": (f"{BAG}; or a JSON file", LIST),
-    "--out FILE": ("the report: .html, or .pdf where a Chromium is installed", REQUIRED),
-    **replay_options(),
-    **PAGE_SETTINGS,
-    **flags(ReplayOptions, "jobs"),
-}
-
-
-def _report(args: Namespace) -> int:
-    """`robot-energy report`: one page about recorded bags, or about the JSON of a result.
-
-    Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
-    joints, temperatures and friction, phases, data quality, model. From recorded bags with the
-    model of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
-    Several recordings come in order of time: totals, one row each, and how error and power change.
-    For robots with models of their own, give the JSON that `replay` wrote for each.
-
-    examples:
-      robot-energy report bag --model kr16 --out page.html
-      robot-energy report cold warm hot --model kr16 --out page.html
-      robot-energy report monday tuesday --model kr16 --page-settings prices.yaml --out week.pdf
-      robot-energy report left.json right.json --out page.html
-    """
-    from robot_energy_cli.result_schema import read_result
-    from robot_energy_plan.results.prediction import PredictionsReport
-    from robot_energy_report.document import Document
-    from robot_energy_report.headline import headline
-    from robot_energy_report.html import write_page
-    from robot_energy_report.page.settings import load_settings
-    from robot_energy_report.prediction import prediction_document
-    from robot_energy_report.recordings import recordings_document
-
-    names = (args.model, args.inputs, args.jobs, args.page_settings)
-    given = [*args.source, *filter(None, names)]
-    check_report(args.out, given)
-    settings = load_settings(args.page_settings or "")
-    replays: list[tuple[ReplayReport, ReplayCurves | None]] = []
-    page = Document("Where the energy went")
-    for source in args.source:
-        if not source.lower().endswith(".json"):
-            replays.append(_replayed(args, source))
-            continue
-        result = read_result(source)
-        if isinstance(result, PredictionsReport):
-            page.title = "Predicted energy"
-            prediction_document(result, page)
-        else:
-            replays.append((result, None))
-    if replays:
-        robots = sorted({report.model.robot for report, _ in replays})
-        page.title = f"Where the energy went: {', '.join(robots)}"
-        recordings_document(replays, page, settings)
-    sign(args, page)
-    write_page(page, args.out)
-    out = console()
-    for report, _ in replays:
-        out.print(f"{report.bag}: {headline(report)}")
-    wrote(out, args.out, "report")
-    return DAMAGED if any(one.problems for one, curves in replays if curves) else 0
-
-
-def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves]:
-    from robot_energy.results.replay import replay_report
-    from robot_energy_report.replay import ReplayCurves
-    from robot_energy_report.replay_figures import TemperatureHistory, curves_of
-
-    model, change = _model(args)
-    temperatures = TemperatureHistory(model.joint_names)
-    result = _replay(args, bag, model, [temperatures.take], True, {})
-    return replay_report(result, change), ReplayCurves(curves_of([result], [change]), temperatures)
-
-
-REPORT = Command.of(_report.__doc__, _report, REPORT_OPTIONS)
-
-WHAT = "the table"
-KINDS: dict[str, tuple[FileKind, ...]] = {".csv": CSV, ".parquet": PARQUET}
-
-EXPORT_OPTIONS: Options = {
-    "bag": BAG,
-    "--out FILE": ("the table: .csv, or .parquet (needs polars)", REQUIRED),
-    **replay_options("write means over periods of this length (default: every sample)"),
-}
-
-
-def _export(args: Namespace) -> int:
-    """`robot-energy export`: the power of a recorded bag over time, as CSV or Parquet.
-
-    Run a recorded bag through the model of its robot and write its power over time: one row per
-    sample or per period, with predicted, measured and residual power, every loss, phase and
-    quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
-
-    examples:
-      robot-energy export bag --model kr16 --out power.csv
-      robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
-    """
-    from robot_energy.replay.api import replay
-
-    suffix = next((end for end in KINDS if args.out.lower().endswith(end)), None)
-    if suffix is None:
-        raise ReportError(
-            f"'{shown(args.out)}' is not a table of a known kind",
-            f"a name with {' or '.join(KINDS)}",
-        )
-    model = model_named(args)
-    inputs = [name for name in (args.bag, model, args.inputs) if name]
-    check_file(args.out, KINDS[suffix], WHAT, inputs)
-    if suffix == ".parquet":
-        require("polars", "Parquet")
-    keep_freed_memory()
-    with progress("replaying") as report:
-        result = replay(
-            args.bag,
-            model,
-            temperature=args.fixed_friction,
-            progress=report,
-            **options_given(args),
-        )
-    table = result.power
-    data = table.to_csv().encode() if suffix == ".csv" else table.to_parquet()
-    write_file(args.out, data, KINDS[suffix], WHAT)
-    out = console()
-    for sentence in (*result.problems, *result.notes):
-        out.print(sentence)
-    wrote(out, args.out, f"{len(result.power)} rows")
-    return DAMAGED if result.replay.problems else 0
-
-
-EXPORT = Command.of(_export.__doc__, _export, EXPORT_OPTIONS)
+COMMAND = Command.of(_run.__doc__, _run, OPTIONS)

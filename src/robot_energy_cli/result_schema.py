@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from dataclasses import fields
 from enum import StrEnum
 from pathlib import Path
-from pkgutil import resolve_name
 from types import GenericAlias
 from typing import Any, cast
 
@@ -23,34 +22,48 @@ from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
 from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.replay import ReplayReport
+from robot_energy_fleet.results.advice import AdviceReport
+from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
+from robot_energy_identify.check.finding import CheckReport
+from robot_energy_identify.results.dynamics import DynamicsReport, ExcitationReport
+from robot_energy_identify.results.evaluation import EvaluationReport
+from robot_energy_identify.results.identification import (
+    CabinetReport,
+    DrivesReport,
+    FrictionReport,
+    FrictionStudyReport,
+    IdentificationReport,
+    LoadStatesReport,
+    ThermalReport,
+)
+from robot_energy_plan.results.optimization import OptimizationReport
 from robot_energy_plan.results.prediction import PredictionsReport
+from robot_energy_plan.results.shared_bus import SharedBusReport
+from robot_energy_report.model import ModelReport
 
 RESULTS: dict[str, type[Result]] = {
     kind.NAME: kind
-    for kind in map(
-        resolve_name,
-        (
-            "robot_energy.results.replay:ReplayReport",
-            "robot_energy_plan.results.prediction:PredictionsReport",
-            "robot_energy_plan.results.optimization:OptimizationReport",
-            "robot_energy_plan.results.shared_bus:SharedBusReport",
-            "robot_energy_fleet.results.advice:AdviceReport",
-            "robot_energy_identify.results.identification:FrictionReport",
-            "robot_energy_identify.results.identification:FrictionStudyReport",
-            "robot_energy_identify.results.identification:ThermalReport",
-            "robot_energy_identify.results.identification:CabinetReport",
-            "robot_energy_identify.results.identification:LoadStatesReport",
-            "robot_energy_identify.results.drives:DrivesReport",
-            "robot_energy_identify.results.dynamics:DynamicsReport",
-            "robot_energy_identify.results.dynamics:ExcitationReport",
-            "robot_energy_identify.results.identification:IdentificationReport",
-            "robot_energy_report.model:ModelReport",
-            "robot_energy_identify.results.check:CheckReport",
-            "robot_energy_identify.results.evaluation:EvaluationReport",
-            "robot_energy_fleet.results.fleet:FleetRunReport",
-            "robot_energy_fleet.results.fleet:FleetReport",
-            "robot_energy_fleet.results.fleet:FleetFriction",
-        ),
+    for kind in (
+        ReplayReport,
+        PredictionsReport,
+        OptimizationReport,
+        SharedBusReport,
+        AdviceReport,
+        FrictionReport,
+        FrictionStudyReport,
+        ThermalReport,
+        CabinetReport,
+        LoadStatesReport,
+        DrivesReport,
+        DynamicsReport,
+        ExcitationReport,
+        IdentificationReport,
+        ModelReport,
+        CheckReport,
+        EvaluationReport,
+        FleetRunReport,
+        FleetReport,
+        FleetFriction,
     )
 }
 READABLE = (ReplayReport, PredictionsReport)  # that a page is made from

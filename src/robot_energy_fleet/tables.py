@@ -285,7 +285,9 @@ def history_tables(folder: str | Path) -> FleetTables:
                 (Rolled.of(connection).quarters_from_ns,),
             )
         ]  # fmt: skip
-        for job in _rows(connection, "SELECT * FROM job ORDER BY start"):
+        found = connection.execute("SELECT * FROM job ORDER BY start")
+        for values in found:
+            job = {one[0]: value for one, value in zip(found.description, values, strict=True)}
             key = next(
                 (
                     key
@@ -312,9 +314,3 @@ def history_tables(folder: str | Path) -> FleetTables:
                 }
             )  # fmt: skip
     return tables_of([rows])
-
-
-def _rows(connection: Any, query: str) -> list[dict[str, Any]]:
-    found = connection.execute(query)
-    names = [one[0] for one in found.description]
-    return [dict(zip(names, row, strict=True)) for row in found]

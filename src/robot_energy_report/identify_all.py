@@ -23,13 +23,14 @@ from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.data.bags import VIRTUAL, BagFacts
 from robot_energy_identify.drives.drives import DrivesFit
-from robot_energy_identify.results.drives import DrivesReport, TotalPower
 from robot_energy_identify.results.dynamics import DynamicsReport
 from robot_energy_identify.results.identification import (
+    DrivesReport,
     FrictionReport,
     IdentificationReport,
     StepReport,
     ThermalReport,
+    TotalPower,
 )
 from robot_energy_identify.steps import DynamicsFound
 from robot_energy_report.document import Column, Document

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy_plan.results.common_supply import CommonSupply
 from robot_energy_plan.results.optimization import MeasureResult, OptimizationReport
-from robot_energy_plan.results.shared_bus import SharedBusReport
+from robot_energy_plan.results.shared_bus import CommonSupply, SharedBusReport
 from robot_energy_report.canvas import SERIES, Axes, Target, canvas, saving_bars
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (

@@ -25,7 +25,7 @@ LOOKING = 30.0  # until all robots are found [s]
 def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, bool]]:
     """Measure both nodes next to one process that publishes for all robots."""
     from ros2_energy_monitor.demo.demo import free_port
-    from ros2_energy_monitor.demo.live_study import NodeProcesses
+    from ros2_energy_monitor.demo.node_processes import NodeProcesses
 
     seconds = 20.0 if quick else 120.0
     home = Path(tempfile.mkdtemp(prefix="robot_energy_"))

@@ -44,7 +44,7 @@ SLOW = 200  # clients that never read or never end their request
 def run(folder: Path, quick: bool) -> tuple[Table, dict[str, object], dict[str, bool]]:
     """Measure a page of one robot."""
     from ros2_energy_monitor.demo.demo import free_port
-    from ros2_energy_monitor.demo.live_study import NodeProcesses
+    from ros2_energy_monitor.demo.node_processes import NodeProcesses
 
     environment = {
         **os.environ,

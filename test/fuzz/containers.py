@@ -30,7 +30,6 @@ from robot_energy.bag.mcap_records import (
     MAGIC,
     MESSAGE_INDEX,
     STATISTICS,
-    parse_chunk,
     unpack_chunk,
 )
 from robot_energy.foundation.errors import MessageTypeError
@@ -129,8 +128,7 @@ def chunk(content: bytes, packed: bytes, compression: bytes, declared: int) -> b
 
 def repacked(body: bytes, value: int) -> bytes:
     """The same chunk in another packing."""
-    found = parse_chunk(memoryview(body))
-    content = bytes(unpack_chunk(found))
+    content = bytes(unpack_chunk(memoryview(body))[0])
     packed, name = [
         (content, b""), (zstandard.compress(content), b"zstd"),
         (bytes(lz4.frame.compress(content)), b"lz4"),

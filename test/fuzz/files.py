@@ -7,7 +7,6 @@ import json
 import os
 import shutil
 from pathlib import Path
-from unittest import mock
 
 from target import scratch
 
@@ -25,10 +24,10 @@ NAMES = (
     "new", "new.json", "new.svg", "new.png", "no/new", "deep/new", *OWN, "own_bag/x.json",
     "bag", "bag/bag_0.mcap", "bag/new", "./bag/../bag", "round/bag", "twin.mcap", "wheel.yaml",
     "wheel.csv", "map.yaml", "deep", "days", "days/mon.mcap", "days/metadata.yaml", "mixed",
-    "foreign.json", "foreign.svg", "link.json", "link_bag", "dead.svg", "pipe", "pipe.svg", "",
+    "foreign.json", "foreign.svg", "link.json", "link_bag", "dead.svg", "",
     ".", "own_bag/", "/dev/null", "/dev/full", "/dev/fd/999", "-", "n" * 300, "d/" * 3000,
 )  # fmt: skip
-NO_INPUTS = ("pipe", "pipe.svg", "/dev/full", "-")  # what only an output may be
+NO_INPUTS = ("/dev/full", "-")  # what only an output may be
 COMMANDS = (
     (("replay",), ("--model",), ("--json", "--plot", "--out")),
     (("import", "csv"), ("--mapping",), ("--out",)),
@@ -44,15 +43,12 @@ def file_arguments(data: bytes) -> bool:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(_sandbox(), folder, symlinks=True, copy_function=_copy)
     os.link(folder / "bag" / "bag_0.mcap", folder / "twin.mcap")
-    for name in ("pipe", "pipe.svg"):
-        os.mkfifo(folder / name)
     before = inventory(folder)
     words = _words(data, folder)
     with (
         contextlib.chdir(folder),  # a name such as "-" is a place here
         contextlib.redirect_stdout(io.StringIO()),
         contextlib.redirect_stderr(io.StringIO()) as said,
-        mock.patch.object(output_files, "MAX_READER_ATTEMPTS", 1),  # nobody reads the pipes
     ):
         code = main(words)
     after = inventory(folder)

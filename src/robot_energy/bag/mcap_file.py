@@ -7,7 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from io import SEEK_END
 from pathlib import Path
-from typing import BinaryIO
+from struct import Struct
+from typing import Any, BinaryIO
 
 from robot_energy.bag import mcap_records as records
 from robot_energy.bag.mcap_records import (
@@ -113,7 +114,8 @@ class McapFile:
                         block, following = self._step(file, pos, opcode, length)
                         stranger = self._stranger(pos, opcode, length, ended is not None)
                     except RecordError as error:
-                        resume = self._next_chunk(pos)
+                        index = bisect_right(self._starts, pos)
+                        resume = self._starts[index] if index < len(self._starts) else None
                         footer = self._closing.footer
                         if resume is None and ended is not None and pos >= (footer or 0):
                             break
@@ -138,7 +140,9 @@ class McapFile:
                         yield block
                         block = None
                     if length == _ENDS.get(opcode):
-                        if self._closes(opcode, pos, following):
+                        closing = self._closing
+                        footer = opcode == records.FOOTER
+                        if pos == closing.footer if footer else following == closing.data_end:
                             self._compare(None if left_out else counts)
                             return
                         ended = pos if ended is None else ended
@@ -153,12 +157,6 @@ class McapFile:
             f"the file ends at byte {self.size} without its closing records; {counts.total()} "
             "messages before it were read"
         )
-
-    def _closes(self, opcode: int, pos: int, following: int) -> bool:
-        """Whether a DataEnd or Footer stands where the end of the file says."""
-        if opcode == records.FOOTER:
-            return pos == self._closing.footer
-        return following == self._closing.data_end
 
     def _compare(self, counts: Mapping[int, int] | None) -> None:
         """Compare what was met up to the end of the data with what the file says of itself."""
@@ -204,7 +202,12 @@ class McapFile:
         """
         if not indexed.channels or not (self.summary and self.summary.channels):
             return None
-        times = self._chunk_times(file, indexed) if spans else None
+        times = None
+        if spans:
+            file.seek(indexed.start + FRAME.size)
+            start, end = Struct("<QQ").unpack(file.read(16).ljust(16, b"\0"))
+            if (start, end) == (indexed.start_ns, indexed.end_ns):  # else it is not believed
+                times = start, end
         held = [self.channels.get(channel) for channel in indexed.channels]
         if any(
             channel is None or (channel.topic in topics and _meets(spans.get(channel.topic), times))
@@ -227,13 +230,6 @@ class McapFile:
             self._report(_OTHER_CHANNELS.format(indexed.start))
             return None
         return counts
-
-    def _chunk_times(self, file: BinaryIO, indexed: records.ChunkIndex) -> LogTimes | None:
-        """Earliest and latest log time of a chunk; None unless summary and chunk say the same."""
-        file.seek(indexed.start + FRAME.size)
-        head = file.read(16)
-        said = int.from_bytes(head[:8], "little"), int.from_bytes(head[8:], "little")
-        return said if said == (indexed.start_ns, indexed.end_ns) else None
 
     def _step(
         self, file: BinaryIO, pos: int, opcode: int, length: int
@@ -314,13 +310,12 @@ class McapFile:
 
     def _chunk(self, data: memoryview, pos: int) -> McapChunk | None:
         try:
-            chunk = records.parse_chunk(data)
-            content = records.unpack_chunk(chunk)
+            content, verified = records.unpack_chunk(data)
         except RecordError as error:
             self._report(f"the chunk at byte {pos} was left out: it holds {error}")
             return None
         block = walked_block(content, self._on_record)
-        block.verified = chunk.crc != 0
+        block.verified = verified
         if block.end < len(content):
             self._report(
                 f"the chunk at byte {pos} holds an unreadable record after {block.count} messages; "
@@ -329,46 +324,31 @@ class McapFile:
         return block
 
     def _on_record(self, opcode: int, data: memoryview) -> None:
+        known: dict[int, Any] = self.schemas if opcode == records.SCHEMA else self.channels
+        what = "schema" if opcode == records.SCHEMA else "channel"
         try:
-            if opcode == records.SCHEMA:
-                key, schema = records.parse_schema(data)
-                self._make_room(data, key in self.schemas)
-                if self.schemas.setdefault(key, schema) != schema:
-                    self._report(f"schema {key} is defined twice; the first one was used")
-            else:
-                channel = records.parse_channel(data)
-                self._make_room(data, channel.id in self.channels)
-                if channel.id not in self.channels and self.summary and self.summary.channels:
-                    self._report(f"channel {channel.id} is missing in the summary")
-                if self.channels.setdefault(channel.id, channel) != channel:
-                    self._report(f"channel {channel.id} is defined twice; the first one was used")
+            parse = records.parse_schema if opcode == records.SCHEMA else records.parse_channel
+            key, entry = parse(data)
+            if key not in known:
+                self._room -= len(data)
+            if self._room < 0:
+                raise RecordError(f"more than {MAX_DEFINITIONS} bytes of definitions")
         except RecordError as error:
             self._report(f"a schema or channel record was left out: it holds {error}")
-
-    def _make_room(self, data: memoryview, known: bool) -> None:
-        """Refuse definitions that would fill the memory."""
-        if not known:
-            self._room -= len(data)
-        if self._room < 0:
-            raise RecordError(f"more than {MAX_DEFINITIONS} bytes of definitions")
-
-    def _next_chunk(self, pos: int) -> int | None:
-        """Return where the summary says a chunk starts after ``pos``."""
-        index = bisect_right(self._starts, pos)
-        return self._starts[index] if index < len(self._starts) else None
+            return
+        if known is self.channels and key not in known and self.summary and self.summary.channels:
+            self._report(f"channel {key} is missing in the summary")
+        if known.setdefault(key, entry) != entry:
+            self._report(f"{what} {key} is defined twice; the first one was used")
 
     def _cut(self, error: RecordError, pos: int, count: int, resume: int | None) -> str:
         if resume is not None:
             return f"bytes {pos} to {resume} were left out because of {error.args[0]}"
+        at = f"at byte {pos} of {self.size}"
+        ends = f"reading stopped {at} because of {error.args[0]}"
         if isinstance(error, EndOfFileError):
-            return (
-                f"the file ends inside {error.args[0]} at byte {pos} of {self.size}; {count} "
-                "messages before it were read"
-            )
-        return (
-            f"reading stopped at byte {pos} of {self.size} because of {error.args[0]}; {count} "
-            "messages before it were read"
-        )
+            ends = f"the file ends inside {error.args[0]} {at}"
+        return f"{ends}; {count} messages before it were read"
 
     def _report(self, sentence: str) -> None:
         self._report_to(f"{self.path.name}: {sentence}")

@@ -7,7 +7,6 @@ from array import array
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from struct import Struct, unpack_from
-from struct import error as struct_error
 from typing import Annotated, Any, BinaryIO, cast
 
 import numpy as np
@@ -45,20 +44,9 @@ class Schema:
 class McapChannel:
     """One publisher's stream on a topic."""
 
-    id: int
     schema_id: int
     topic: str
     encoding: str
-
-
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """A block of records; ``data`` is packed as ``compression`` says. Times in [ns]."""
-
-    size: int
-    crc: int
-    compression: str
-    data: memoryview
 
 
 LogTimes = tuple[int, int]  # first and last log time of a stretch, both included [ns]
@@ -114,30 +102,19 @@ class _Cursor:
 
 
 def parse_schema(data: memoryview) -> tuple[int, Schema]:
-    """Return the id and content of a Schema record."""
     cursor = _Cursor(data)
     schema_id = cursor.number(2)
     name, encoding = cursor.text(), cursor.text()
     return schema_id, Schema(ros_type(name), encoding, str(cursor.sized(), "utf-8", "replace"))
 
 
-def parse_channel(data: memoryview) -> McapChannel:
-    """Return the content of a Channel record."""
+def parse_channel(data: memoryview) -> tuple[int, McapChannel]:
     cursor = _Cursor(data)
-    channel_id, schema_id = cursor.number(2), cursor.number(2)
-    return McapChannel(channel_id, schema_id, cursor.text(), cursor.text())
-
-
-def parse_chunk(data: memoryview) -> Chunk:
-    """Return the content of a Chunk record."""
-    cursor = _Cursor(data)
-    cursor.take(16)
-    size, crc = cursor.number(8), cursor.number(4)
-    return Chunk(size, crc, cursor.text(), cursor.sized(8))
+    channel_id = cursor.number(2)
+    return channel_id, McapChannel(cursor.number(2), cursor.text(), cursor.text())
 
 
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
-    """Return the content of a ChunkIndex record."""
     cursor = _Cursor(data)
     start_ns, end_ns = cursor.number(8), cursor.number(8)
     start, length = cursor.number(8), cursor.number(8)
@@ -150,13 +127,8 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
 
 
 def parse_statistics(data: memoryview) -> Statistics:
-    """Return the content of a Statistics record."""
-    try:
-        count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", data)
-    except struct_error:
-        raise RecordError("a short record of statistics") from None
     cursor = _Cursor(data)
-    cursor.take(42)
+    count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", cursor.take(42))
     pairs = cursor.sized()
     counts = dict(unpack_from("<HQ", pairs, i) for i in range(0, len(pairs) // 10 * 10, 10))
     return Statistics(count, start, end, counts)
@@ -168,44 +140,43 @@ def ros_type(name: str) -> str:
     return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else name
 
 
-def unpack_chunk(chunk: Chunk) -> bytes | memoryview:
-    """Return the records of a chunk, without ever unpacking more than it declares."""
-    if chunk.size > MAX_RECORD_BYTES:
-        raise RecordError(f"{chunk.size} bytes unpacked, more than the limit of {MAX_RECORD_BYTES}")
-    if chunk.compression == "":
-        data = chunk.data
-    elif chunk.compression == "zstd":
-        data = _unpack_zstd(chunk)
-    elif chunk.compression == "lz4":
-        data = _unpack_lz4(chunk)
-    else:
-        raise RecordError(f"the unknown compression {chunk.compression!r}")
-    if len(data) != chunk.size:
-        raise RecordError(f"other than the {chunk.size} bytes it declares")
-    if chunk.crc and zlib.crc32(data) != chunk.crc:
+def unpack_chunk(record: memoryview) -> tuple[bytes | memoryview, bool]:
+    """Return the records of a Chunk record, of the size that it declares, and if it has a CRC."""
+    cursor = _Cursor(record)
+    cursor.take(16)
+    size, crc, compression = cursor.number(8), cursor.number(4), cursor.text()
+    data: bytes | memoryview = cursor.sized(8)
+    if size > MAX_RECORD_BYTES:
+        raise RecordError(f"{size} bytes unpacked, more than the limit of {MAX_RECORD_BYTES}")
+    if compression not in ("", "zstd", "lz4"):
+        raise RecordError(f"the unknown compression {compression!r}")
+    if compression:
+        data = _unpack_zstd(data, size) if compression == "zstd" else _unpack_lz4(data, size)
+    if len(data) != size:
+        raise RecordError(f"other than the {size} bytes it declares")
+    if crc and zlib.crc32(data) != crc:
         raise RecordError("bytes that do not match its checksum")
-    return data
+    return data, crc != 0
 
 
-def _unpack_zstd(chunk: Chunk) -> bytes:
+def _unpack_zstd(data: memoryview, size: int) -> bytes:
     import zstandard
 
     try:
-        declared = zstandard.frame_content_size(chunk.data)
-        if declared == chunk.size:
-            return zstandard.ZstdDecompressor().decompress(chunk.data)
-        reader = zstandard.ZstdDecompressor().stream_reader(chunk.data, read_across_frames=True)
-        return reader.read(chunk.size + 1)
+        if zstandard.frame_content_size(data) == size:
+            return zstandard.ZstdDecompressor().decompress(data)
+        reader = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
+        return reader.read(size + 1)
     except zstandard.ZstdError as error:
         raise RecordError(f"damaged zstd data ({error})") from None
 
 
-def _unpack_lz4(chunk: Chunk) -> bytes:
+def _unpack_lz4(data: memoryview, size: int) -> bytes:
     import lz4.frame
 
     try:
         unpacker = cast("Any", lz4.frame.LZ4FrameDecompressor())
-        return bytes(unpacker.decompress(chunk.data, max_length=chunk.size + 1))
+        return bytes(unpacker.decompress(data, max_length=size + 1))
     except (RuntimeError, EOFError, ValueError) as error:
         raise RecordError(f"damaged lz4 data ({error})") from None
 
@@ -262,9 +233,7 @@ def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Cl
     if footer < len(MAGIC):
         return closing
     file.seek(footer)
-    tail = file.read(FOOTER_SIZE + len(MAGIC))
-    if len(tail) < FOOTER_SIZE + len(MAGIC):
-        return closing
+    tail = file.read(FOOTER_SIZE + len(MAGIC)).ljust(FOOTER_SIZE)  # it may be shorter now
     opcode, length = FRAME.unpack_from(tail)
     if tail[-8:] != MAGIC or opcode != FOOTER or length != 20:
         return closing
@@ -307,11 +276,9 @@ def _parse(data: memoryview, start: int, report: Callable[[str], None]) -> Summa
         if len(body) != length:
             raise RecordError("a cut record")
         if opcode == SCHEMA:
-            key, schema = parse_schema(body)
-            summary.schemas[key] = schema
+            summary.schemas.update([parse_schema(body)])
         elif opcode == CHANNEL:
-            channel = parse_channel(body)
-            summary.channels[channel.id] = channel
+            summary.channels.update([parse_channel(body)])
         elif opcode == CHUNK_INDEX:
             chunks.append(parse_chunk_index(body))
             if len(chunks) > MAX_CHUNKS:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_file import McapFile
 from robot_energy.bag.mcap_records import LogTimes, McapChunk, Messages
 from robot_energy.foundation.units import SECOND_NS
@@ -41,19 +41,17 @@ class BagContents:
 
     topics: dict[str, TopicInfo] = field(default_factory=dict[str, TopicInfo])
     definitions: dict[str, tuple[str, str]] = field(default_factory=dict[str, tuple[str, str]])
-    start_ns: int | None = None
-    end_ns: int | None = None
+    span: LogTimes | None = None
     message_count: int | None = 0
     overlap_ns: int = 0
 
     def add(self, other: BagContents, report: Report) -> None:
-        """Add what another file of the same bag holds."""
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
         self.definitions = {**other.definitions, **self.definitions}
-        starts = [t for t in (self.start_ns, other.start_ns) if t is not None]
-        ends = [t for t in (self.end_ns, other.end_ns) if t is not None]
-        self.start_ns, self.end_ns = min(starts, default=None), max(ends, default=None)
+        for span in filter(None, (self.span, other.span)):
+            first, last = self.span or span
+            self.span = min(first, span[0]), max(last, span[1])
         self.message_count = _sum(self.message_count, other.message_count)
         self.overlap_ns = max(self.overlap_ns, other.overlap_ns)
 
@@ -112,24 +110,21 @@ class McapSource:
                 counts = statistics.channel_counts
                 result.message_count = statistics.message_count
                 if statistics.message_count:
-                    result.start_ns, result.end_ns = statistics.start_ns, statistics.end_ns
+                    result.span = statistics.start_ns, statistics.end_ns
         else:
-            statistics = None
             result.message_count = 0
             spans: list[LogTimes] = []
             for block in file.blocks():
                 result.message_count += block.count
                 for channel, messages in block.messages.items():
                     counts[channel] = counts.get(channel, 0) + len(messages.offset)
-                times = [messages.log_time_ns for messages in block.messages.values()]
-                first, last = min(int(t.min()) for t in times), max(int(t.max()) for t in times)
-                spans.append((first, last))
-            result.start_ns = min((first for first, _ in spans), default=None)
-            result.end_ns = max((last for _, last in spans), default=None)
+                times = np.concatenate([each.log_time_ns for each in block.messages.values()])
+                spans.append((int(times.min()), int(times.max())))
+            if spans:
+                result.span = min(spans)[0], max(last for _, last in spans)
             result.overlap_ns = _overlap(spans)
-        counted = statistics is not None or result.message_count is not None
-        for channel in file.channels.values():
-            count = counts.get(channel.id, 0) if counted else None
+        for key, channel in file.channels.items():
+            count = None if result.message_count is None else counts.get(key, 0)
             schema = file.schemas.get(channel.schema_id)
             info = TopicInfo(schema.name if schema else "", count, channel.encoding)
             result.add_topic(channel.topic, info, self._report)
@@ -175,7 +170,13 @@ class McapSource:
         self, topic: str, msgtype: str, block: McapChunk, streams: list[Messages]
     ) -> RawBatch:
         """Return the messages of one topic by log time; in file order where that is broken."""
-        batch = _in_file_order(topic, msgtype, block, streams)
+        times, offset, length = (
+            np.concatenate([getattr(stream, name) for stream in streams])
+            for name in ("log_time_ns", "offset", "length")
+        )
+        batch = RawBatch(topic, msgtype, times, block.buffer, offset, length)
+        if len(streams) > 1:
+            batch = batch[np.argsort(offset)]
         times = batch.log_time_ns
         ends = times[:: max(len(times) - 1, 1)]
         if bool((times[1:] >= times[:-1]).all()) and bool(valid_stamps(ends).all()):
@@ -198,11 +199,3 @@ def broken_times(topic: str) -> str:
         f"the log times of {topic} jump back and forth, so they were not used to sort its "
         "messages; do not date anything by them"
     )
-
-
-def _in_file_order(topic: str, msgtype: str, block: McapChunk, streams: list[Messages]) -> RawBatch:
-    times = np.concatenate([stream.log_time_ns for stream in streams])
-    offset = np.concatenate([stream.offset for stream in streams])
-    length = np.concatenate([stream.length for stream in streams])
-    batch = RawBatch(topic, msgtype, times, block.buffer, offset, length)
-    return batch if len(streams) == 1 else batch[np.argsort(offset)]

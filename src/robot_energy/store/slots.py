@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar, cast
 
 from robot_energy.foundation.errors import StateFileError
-from robot_energy.foundation.files.placement import sync_folder
+from robot_energy.foundation.files.placement import sync
 
 SAFE = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
@@ -78,7 +78,6 @@ _LINE = re.compile(
 
 
 def wrap(version: int, sequence: int, payload: bytes) -> bytes:
-    """Return the content of a state file."""
     if len(payload) > MAX_BYTES:
         raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
@@ -155,7 +154,7 @@ class SlotPair(Generic[T]):
         try:
             if not self.folder.is_dir():
                 self.folder.mkdir(parents=True, exist_ok=True)
-                sync_folder(self.folder.parent)
+                sync(self.folder.parent)
             self._take_lock()
             found = self._read_slots()
         except OSError as error:
@@ -180,7 +179,7 @@ class SlotPair(Generic[T]):
             finally:
                 os.close(file)
             if not existed:
-                sync_folder(self.folder)
+                sync(self.folder)
         except OSError as error:
             raise _wrapped(error, path) from error
         self.sequence = follows(self.sequence)
@@ -191,7 +190,7 @@ class SlotPair(Generic[T]):
         try:
             there = [path for path in self._paths if os.path.lexists(path)]
             notes = [f"moved aside as {_move_aside(path)}" for path in there]
-            sync_folder(self.folder)
+            sync(self.folder)
         except OSError as error:
             raise _wrapped(error, self.folder) from error
         self.sequence = 0
@@ -200,7 +199,6 @@ class SlotPair(Generic[T]):
 
     @property
     def held(self) -> bool:
-        """Whether this process is the writer."""
         return self._lock is not None
 
     def release(self) -> None:
@@ -276,7 +274,7 @@ class SlotPair(Generic[T]):
                 notices.append(f"{path}: {error} It was {became}.")
         if notices:
             with suppress(OSError):  # a read-only folder, where nothing was moved either
-                sync_folder(self.folder)
+                sync(self.folder)
         if not found:
             self._newest = 1
             return Stored(None, 0, tuple(notices))
@@ -410,7 +408,6 @@ class SlotStore(ABC, Generic[T]):
             self._finish(patience)
 
     def _finish(self, patience: float | None) -> bool | None:
-        """Wait for the work under way, and take its result."""
         if self._pending is not None:
             wait([self._pending], patience)
         return self.poll()

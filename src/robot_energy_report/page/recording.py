@@ -57,7 +57,7 @@ class RecordedPage:
     def finish(self, result: Replay) -> None:
         """Take the registers, job intervals and remarks of the whole recording."""
         account = result.account
-        rows = self._registers.encode(account)
+        rows = self._registers.encode(account, ended=True)
         if rows is not None:
             self._robot.take_registers(_batch(ENERGY_REGISTERS, rows))
         self._robot.take_intervals(

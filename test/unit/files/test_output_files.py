@@ -13,7 +13,6 @@ import pytest
 from faulty_disk import FaultyDisk, inventory
 from refusals import refused
 from robot_energy.foundation.errors import ReportError
-from robot_energy.foundation.files import output_files
 from robot_energy.foundation.files.output_files import (
     HTML,
     HTML_MARK,
@@ -240,27 +239,6 @@ def test_devices_and_pipes_are_written_to(tmp_path):
     assert pipe.is_fifo()
     with pytest.raises(ReportError, match="No space"):
         write_file("/dev/full", NEW, JSON)
-
-
-def test_a_pipe_that_nobody_reads_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(output_files, "MAX_READER_ATTEMPTS", 1)
-    os.mkfifo(tmp_path / "pipe")
-    with refused(ReportError, found="pipe"):
-        write_file(tmp_path / "pipe", NEW, JSON)
-
-
-def test_descriptors_are_written_where_they_stand(tmp_path):
-    with (tmp_path / "log").open("wb") as file:
-        file.write(b"before\n")
-        file.flush()
-        write_file(f"/dev/fd/{file.fileno()}", NEW, JSON)
-        file.seek(0, os.SEEK_END)
-        file.write(b"after\n")
-    assert (tmp_path / "log").read_bytes() == b"before\n" + NEW + b"after\n"
-    with (tmp_path / "log").open("rb") as file, pytest.raises(ReportError, match="reading only"):
-        check_file(f"/dev/fd/{file.fileno()}", JSON)
-    with pytest.raises(ReportError):
-        check_file("/dev/fd/999", JSON)
 
 
 def test_drafts_of_killed_runs_go_and_those_of_running_ones_stay(tmp_path):

@@ -18,7 +18,7 @@ from page_messages import JOINTS, encoder_of, zeros
 from refusals import refused
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.bag.cdr import stamp_columns
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.registers import RegistersWriter

@@ -33,9 +33,6 @@ from robot_energy.bag.cdr.walk import (
 )
 from robot_energy.foundation.errors import MessageTypeError, ShapeError
 
-_FITTING = {"f": "fiub", "i": "iub", "u": "iub"}
-"""Kinds of numpy array that may be written to a field of each kind."""
-
 
 class Encoder:
     """Encodes messages of one type that share their strings and lengths.
@@ -60,7 +57,6 @@ class Encoder:
         paths = leaf_paths(schema)
         for path in self._constants:
             leaf(schema, path, msgtype)
-        self._check_lengths(paths)
         template = bytearray(b"\x00\x01\x00\x00")
         self._build(schema, "", (), template)
         numeric = [
@@ -119,17 +115,14 @@ class Encoder:
         part = plan
         while not isinstance(part, View):
             part = part.parts[0]
-        _check_kind(f"{path} of {self.msgtype}", values, part)
-        write(plan, rows, values)
-
-    def _check_lengths(self, paths: list[str]) -> None:
-        groups = {".".join(p.split(".")[: i + 1]) for p in paths for i in range(p.count(".") + 1)}
-        for path in self._lengths:
-            if path not in groups:
+        if part.native.kind != "f":
+            with np.errstate(invalid="ignore"):
+                fits = values.astype(part.native) == values
+            if not fits.all():
                 raise MessageTypeError(
-                    f"a length is given for {path}, which {self.msgtype} does not have",
-                    f"one of {', '.join(sorted(groups))}",
+                    f"{path} of {self.msgtype} got {values[~fits][0]}", f"what fits {part.native}"
                 )
+        write(plan, rows, values)
 
     def _build(self, node: Node, path: str, index: tuple[int, ...], out: bytearray) -> None:
         if isinstance(node, ScalarField):
@@ -164,14 +157,10 @@ class Encoder:
             value = _pick(constant, index) if inside else None
             if isinstance(value, tuple | list | np.ndarray):
                 stated.append(len(value))  # pyright: ignore[reportUnknownArgumentType]
-        if not stated:
+        if len(set(stated)) != 1 or stated[0] < 0:
             raise ShapeError(
-                f"the length of {path} of {self.msgtype} is not given",
-                "a length (0 for empty) or a constant",
-            )
-        if len(set(stated)) > 1 or stated[0] < 0:
-            raise ShapeError(
-                f"{path} of {self.msgtype} is given the lengths {stated}", "one length"
+                f"{path} of {self.msgtype} is given the lengths {stated}",
+                "one length (0 for empty), or a constant",
             )
         return stated[0]
 
@@ -186,19 +175,6 @@ def _pick(value: Any, index: tuple[int, ...]) -> Any:
             return value  # pyright: ignore[reportUnknownVariableType]
         value = value[i]  # pyright: ignore[reportUnknownVariableType]
     return value  # pyright: ignore[reportUnknownVariableType]
-
-
-def _check_kind(where: str, values: NDArray[Any], view: View) -> None:
-    target = view.native
-    if values.dtype == target:
-        return
-    if values.dtype.kind not in _FITTING[target.kind]:
-        raise MessageTypeError(f"{where} got values of type {values.dtype}", str(target))
-    if target.kind != "f" and values.size and values.dtype.kind != "b":
-        limits = np.iinfo(target)
-        low, high = int(values.min()), int(values.max())
-        if low < limits.min or high > limits.max:
-            raise MessageTypeError(f"{where} got {low} to {high}", f"what fits {target}")
 
 
 def stamp_columns(

@@ -75,12 +75,8 @@ def walk(
     data: bytes,
     wanted: Wanted,
     max_parts: int = MAX_PARTS,
-    exact: bool = False,
 ) -> Walk:
     """Return the places in one message, and what decides them.
-
-    Args:
-        exact: Whether spans leave out the padding between neighbours, which costs more of them.
 
     Raises:
         Malformed: If the message is too short or too long, has another encapsulation than CDR,
@@ -90,7 +86,7 @@ def walk(
     order = _ORDER.get(data[:2])
     if order is None or len(data) < HEADER_SIZE:
         raise Malformed("encapsulation")
-    walker = _Walker(data, order, max_parts, exact)
+    walker = _Walker(data, order, max_parts)
     end, values = walker.record(schema, HEADER_SIZE, wanted)
     if len(data) - end > MAX_TRAILING:
         raise Malformed("trailing bytes")
@@ -98,13 +94,11 @@ def walk(
 
 
 class _Walker:
-    def __init__(self, data: bytes, order: str, max_parts: int, exact: bool) -> None:
+    def __init__(self, data: bytes, order: str, max_parts: int) -> None:
         self.data = data
         self.size = len(data)
         self.unpack = _COUNT[order].unpack_from
         self.spans: list[tuple[int, int]] = [(0, 2)]
-        self.exact = exact
-        self.adjacent = False
         self.room = max_parts
 
     def record(
@@ -150,7 +144,6 @@ class _Walker:
     def numbers(self, number: ScalarField, pos: int, count: int | None) -> tuple[int, Slot]:
         if count != 0:
             pos += -(pos - HEADER_SIZE) % number.size
-            self.adjacent = False
         end = pos + number.size * (1 if count is None else count)
         if end > self.size:
             raise Malformed("too short")
@@ -160,7 +153,7 @@ class _Walker:
         pos += -(pos - HEADER_SIZE) % 4
         if pos + 4 > self.size:
             raise Malformed("too short")
-        self.constant(pos, pos + 4)
+        self.spans.append((pos, pos + 4))
         return pos + 4, self.unpack(self.data, pos)[0]
 
     def text(self, pos: int) -> tuple[int, str]:
@@ -169,11 +162,10 @@ class _Walker:
 
     def texts(self, pos: int, count: int) -> tuple[int, tuple[str, ...]]:
         """Read strings that follow each other: the names of joints of every new layout."""
-        data, unpack, last, exact = self.data, self.unpack, self.size - 4, self.exact
+        data, unpack, last = self.data, self.unpack, self.size - 4
         texts: list[str] = []
-        first = pos + (-pos & 3)  # the header has four bytes, so alignment counts from 0 as well
         for _ in range(count):
-            pos += -pos & 3
+            pos += -pos & 3  # the header has four bytes, so alignment counts from 0 as well
             if pos > last:
                 raise Malformed("too short")
             end = pos + 4 + unpack(data, pos)[0]
@@ -183,19 +175,9 @@ class _Walker:
                 texts.append(data[pos + 4 : end - 1].decode())
             except UnicodeDecodeError:
                 raise Malformed("utf-8") from None
-            if exact:
-                self.constant(pos, end)
+            self.spans.append((pos, end))
             pos = end
-        if count and not exact:
-            self.constant(first, pos)
         return pos, tuple(texts)
-
-    def constant(self, start: int, stop: int) -> None:
-        if self.adjacent and not self.exact:
-            self.spans[-1] = (self.spans[-1][0], stop)
-        else:
-            self.spans.append((start, stop))
-        self.adjacent = True
 
 
 Column: TypeAlias = "NDArray[Any] | str | tuple[Any, ...]"
@@ -227,13 +209,8 @@ class View:
         shape = (len(rows), *self.shape)
         if not rows.size:
             return np.empty(shape, self.dtype)
-        return np.ndarray(
-            shape,
-            self.dtype,
-            rows,
-            self.offset,
-            (rows.strides[0], *self.strides),
-        )
+        strides = (rows.strides[0], *self.strides)
+        return np.ndarray(shape, self.dtype, rows, self.offset, strides)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,16 +7,14 @@ written to, not replaced.
 
 from __future__ import annotations
 
-import errno
-import fcntl
+import itertools
 import json
 import os
 import stat
 import sys
-import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
@@ -29,10 +27,13 @@ HTML_MARK = f'<meta name="generator" content="{GENERATOR}">'
 STANDARD_OUTPUT = "-"
 MAX_MARK_BYTES = 8192  # at each end of a file that are searched for its mark
 MAX_INPUT_FILES = 10_000  # of an input folder that are compared with outputs
-MAX_READER_ATTEMPTS = 200  # to open a pipe that nobody reads yet; a clock would count stalls too
-_LOOK_PERIOD = 0.02  # s
-_STREAMS = {"/dev/stdin": 0, "/dev/stdout": 1, "/dev/stderr": 2}
-_STREAM_FOLDERS = ("/dev/fd", "/proc/self/fd")
+
+_REFUSED = {
+    stat.S_IFLNK: "a link",
+    stat.S_IFDIR: "a folder",
+    stat.S_IFBLK: "a disk",
+    stat.S_IFSOCK: "a socket",
+}
 
 Names = Iterable[str | os.PathLike[str]]
 ErrorType = type[RobotEnergyError]
@@ -81,30 +82,18 @@ def check_file(
     target = checked_path(path, what, error)
     place = f"{what} cannot be written to '{shown(str(path))}'"
     try:
-        number = stream_number(target)
-        if number is not None:
-            if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
-                raise error(f"{place}, which is open for reading only", "an output")
+        if is_stream(target):
             return
-        try:
-            mode = os.lstat(target).st_mode
-        except FileNotFoundError:
-            folder = target.parent
-            if not folder.is_dir():
-                where = f"{place}: there is no folder '{shown(str(folder))}'"
-                raise error(where, "a folder that exists") from None
-            refuse_inputs(target, inputs, place, error)
-            return
-        if stat.S_ISLNK(mode):
-            raise error(f"{place}, which is a link", "a file", "name the file that it leads to")
-        if stat.S_ISDIR(mode):
-            raise error(f"{place}, which is a folder", "a file")
-        if stat.S_ISCHR(mode) or stat.S_ISFIFO(mode):
-            return
-        if not stat.S_ISREG(mode):
-            raise error(f"{place}, which is a disk or a socket", "a file, a pipe or a terminal")
+        own = True
+        if os.path.lexists(target):
+            kind = stat.S_IFMT(os.lstat(target).st_mode)
+            if kind in _REFUSED:
+                raise error(f"{place}, which is {_REFUSED[kind]}", "a file, a pipe or a terminal")
+            own = not target.stat().st_size or is_own_file(target, kinds)
+        elif not target.parent.is_dir():
+            where = f"{place}: there is no folder '{shown(str(target.parent))}'"
+            raise error(where, "a folder that exists")
         refuse_inputs(target, inputs, place, error)
-        own = not target.stat().st_size or any(_is_marked(target, kind) for kind in kinds)
     except OSError as trouble:
         raise error(f"{place} ({trouble.strerror})", "a file that can be written") from trouble
     if not own:
@@ -142,37 +131,25 @@ def write_file(
     if remains:
         remove_remains(target)
     check_file(path, kinds, what, (), error)
-    if (stream := open_stream(target, failure)) is not None:
-        try:
-            with stream:
+    try:
+        if is_stream(target):
+            with target.open("wb") as stream:
                 stream.write(data)
-        except BrokenPipeError:
-            raise
-        except OSError as trouble:
-            raise failure(trouble) from trouble
-        return
+            return
+    except BrokenPipeError:
+        raise
+    except OSError as trouble:
+        raise failure(trouble) from trouble
     placement = OutputPlacement(
         target, lambda place: check_file(place, kinds, what, (), error), failure
     )
     try:
-        number = placement.open_file()
-        try:
-            write_all(number, data)
-            os.fsync(number)
-        except OSError as trouble:
-            raise failure(trouble) from trouble
+        placement.write_draft(data)
         with all_or_none() as waiting:
             waiting.append(placement)
     except BaseException:
         placement.undo()
         raise
-
-
-def write_all(number: int, data: bytes | memoryview) -> None:
-    """Write all bytes to a file descriptor."""
-    left = memoryview(data)
-    while left:
-        left = left[os.write(number, left) :]
 
 
 def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
@@ -182,7 +159,6 @@ def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
 
 
 def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> Path:
-    """Return a path that a file can have."""
     text = os.fspath(path)
     try:
         valid = bool(text) and b"\0" not in os.fsencode(text)
@@ -195,24 +171,15 @@ def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> P
 
 def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> None:
     """Refuse a target that is an input, holds one, or lies in one: by files, not by names."""
-    inputs = [*inputs]
-    if not inputs:
-        return
-    real_target = os.path.realpath(target)
-    around = {_key(one) for one in (target, *target.absolute().parents)}
-    inside = _keys_of(target)
+    real = Path(os.path.realpath(target))
+    written = _files(real)
     for name in inputs:
         try:
-            source = Path(name)
-            real = Path(os.path.realpath(source))
-            keys = _keys_of(source)
-            if not keys and str(real) != real_target:
-                continue
-        except (OSError, ValueError):
+            source = Path(os.path.realpath(name))
+            same = source == real or bool(written & _files(source))
+        except (OSError, ValueError):  # of what cannot be read, or is no name of a file
             continue
-        held = _key(target) in {_key(one) for one in real.parents}
-        lies = bool(keys) and _key(source) in around
-        if str(real) == real_target or keys & inside or held or lies:
+        if same or source in real.parents or real in source.parents:
             raise error(
                 f"{place}: it is, holds or lies in the input '{shown(str(name))}'",
                 "another place",
@@ -220,22 +187,13 @@ def refuse_inputs(target: Path, inputs: Names, place: str, error: ErrorType) -> 
             )
 
 
-def _key(path: Path) -> tuple[int, int] | None:
-    try:
-        found = os.stat(path)
-    except OSError:
-        return None
-    return found.st_dev, found.st_ino
-
-
-def _keys_of(path: Path) -> set[tuple[int, int]]:
+def _files(path: Path) -> set[tuple[int, int]]:
     """A file or folder, and the files in the folder; empty where there is nothing."""
-    keys = {_key(path)}
-    if path.is_dir():
-        with os.scandir(path) as entries:
-            for _, entry in zip(range(MAX_INPUT_FILES), entries, strict=False):
-                keys.add(_key(Path(entry.path)))
-    return {key for key in keys if key is not None}
+    if not path.exists():
+        return set()
+    inside = itertools.islice(path.iterdir(), MAX_INPUT_FILES) if path.is_dir() else ()
+    found = [one.stat() for one in (path, *inside) if one.exists()]
+    return {(one.st_dev, one.st_ino) for one in found}
 
 
 def _is_marked(path: Path, kind: FileKind) -> bool:
@@ -249,45 +207,9 @@ def _is_marked(path: Path, kind: FileKind) -> bool:
         return kind.mark in start or kind.mark in file.read(MAX_MARK_BYTES)
 
 
-def stream_number(target: Path) -> int | None:
-    """Return the descriptor that a path such as /dev/stdout names; None for other paths."""
-    if (text := str(target)) in _STREAMS:
-        return _STREAMS[text]
-    named = str(target.parent) in _STREAM_FOLDERS and target.name.isdecimal()
-    return int(target.name) if named else None
-
-
-def open_stream(target: Path, failure: Callable[[OSError], Exception]) -> BinaryIO | None:
-    """Return a device, pipe or descriptor open for writing; None for a file or an unused path."""
-    try:
-        number = stream_number(target)
-        if number is not None:
-            if number in (1, 2):
-                (sys.stdout if number == 1 else sys.stderr).flush()
-            return os.fdopen(os.dup(number), "wb")
-        mode = os.lstat(target).st_mode
-        if stat.S_ISCHR(mode):
-            return os.fdopen(os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NOCTTY), "wb")
-        return _open_pipe(target) if stat.S_ISFIFO(mode) else None
-    except FileNotFoundError:
-        return None
-    except OSError as trouble:
-        raise failure(trouble) from trouble
-
-
-def _open_pipe(target: Path) -> BinaryIO:
-    """Open a pipe for writing once it has a reader."""
-    attempts = 0
-    while True:
-        try:
-            number = os.open(target, os.O_WRONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-        except OSError as trouble:
-            if trouble.errno != errno.ENXIO:
-                raise
-            attempts += 1
-            if attempts >= MAX_READER_ATTEMPTS:
-                raise OSError(errno.ENXIO, "no program reads the pipe", str(target)) from trouble
-            time.sleep(_LOOK_PERIOD)
-            continue
-        os.set_blocking(number, True)
-        return os.fdopen(number, "wb")
+def is_stream(target: Path) -> bool:
+    """Whether a path is, or leads to, a device or a pipe."""
+    if not target.exists():
+        return False
+    mode = target.stat().st_mode
+    return stat.S_ISCHR(mode) or stat.S_ISFIFO(mode)

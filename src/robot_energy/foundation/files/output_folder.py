@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import os
 import stat
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from robot_energy.foundation.errors import ReportError, RobotEnergyError
 from robot_energy.foundation.files.output_files import (
@@ -57,14 +56,12 @@ class OutputFolder:
         return self._placement.draft
 
     def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
-        """Return a new file in it; when that is closed, its content is on the disk."""
         try:
-            return io.BufferedWriter(_SyncedFile(self.draft / name), buffering)  # pyright: ignore
+            return (self.draft / name).open("xb", buffering)
         except OSError as trouble:
             raise self.failure(trouble) from trouble
 
     def make(self, name: str) -> None:
-        """Make a folder in it."""
         try:
             os.mkdir(self.draft / name)
         except OSError as trouble:
@@ -84,45 +81,13 @@ class OutputFolder:
         self._placement.undo()
 
     def failure(self, trouble: OSError) -> RobotEnergyError:
-        """Return the error that names this folder and the reason of the disk."""
         return self._error(
             f"{shown(str(self.path))} cannot be written ({trouble.strerror or trouble})",
             "a folder that can be written to, with room",
         )
 
 
-class _SyncedFile(io.RawIOBase):
-    """A new file whose content is on the disk when it is closed."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-        self._number = os.open(path, flags, 0o666)
-        self._at = 0
-
-    def writable(self) -> bool:
-        return True
-
-    def tell(self) -> int:
-        return self._at
-
-    def write(self, data: Any, /) -> int:
-        written = os.write(self._number, data)
-        self._at += written
-        return written
-
-    def close(self) -> None:
-        if self.closed:
-            return
-        super().close()
-        try:
-            os.fsync(self._number)
-        finally:
-            os.close(self._number)
-
-
 def folder_path(path: str | os.PathLike[str], error: ErrorType = ReportError) -> Path:
-    """Return the path of an output folder with a name of its own."""
     target = checked_path(path, "the folder", error)
     if target.name in ("", ".."):
         target = target.resolve()

@@ -52,55 +52,52 @@ class OutputPlacement:
         self._closed = False
         self._undone = weakref.finalize(self, _leave, self.draft, os.getpid())
 
-    def open_file(self) -> int:
-        """Make the draft of a file and return its descriptor, open for writing."""
-        try:
-            self._lock = os.open(
-                self.draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666
-            )
-            self._hold()
+    def write_draft(self, data: bytes) -> None:
+        """Write the draft of a file, on the disk when this returns."""
+        with self._disk():
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+            number = os.open(self.draft, flags, 0o666)
+            self._hold(number)
             with suppress(OSError):  # the mode of what it replaces
                 old = os.lstat(self.target)
                 if stat.S_ISREG(old.st_mode):
-                    os.fchmod(self._lock, stat.S_IMODE(old.st_mode))
-        except OSError as error:
-            raise self._failure(error) from error
-        return self._lock
+                    os.fchmod(number, stat.S_IMODE(old.st_mode))
+            left = memoryview(data)
+            while left:
+                left = left[os.write(number, left) :]
+            os.fsync(number)
 
     def make_folder(self) -> None:
-        """Make the draft of a folder, and the folders above it."""
-        try:
+        with self._disk():
             parent = self.target.parent
             missing = [one for one in (parent, *parent.parents) if not one.exists()]
             for folder in reversed(missing):
                 self._made.append(folder)
                 os.mkdir(folder)
             os.mkdir(self.draft)
-            self._lock = os.open(self.draft, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-            self._hold()
-        except OSError as error:
-            raise self._failure(error) from error
+            self._hold(os.open(self.draft, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC))
 
     def move(self) -> None:
         """Put the draft in place, and what was there next to it, unless the check refuses."""
-        try:
+        with self._disk():
             self._check(self.target)
             folder = self.draft.is_dir()
             if folder:
-                sync_folder(self.draft)
+                for path in (*self.draft.rglob("*"), self.draft):
+                    sync(path)
             if os.path.lexists(self.target):
                 self._set_aside(folder)
-            if folder:
-                os.rename(self.draft, self.target)
-            else:
-                os.replace(self.draft, self.target)
-        except OSError as error:
-            raise self._failure(error) from error
+            os.replace(self.draft, self.target)
 
     def sync(self) -> None:
         """Write its new place to the disk."""
+        with self._disk():
+            sync(self.target.parent)
+
+    @contextmanager
+    def _disk(self) -> Generator[None]:
         try:
-            sync_folder(self.target.parent)
+            yield
         except OSError as error:
             raise self._failure(error) from error
 
@@ -132,7 +129,6 @@ class OutputPlacement:
         self._closed = True
 
     def finish(self) -> None:
-        """Remove what was replaced."""
         _remove(self._aside)
         self._release()
 
@@ -148,11 +144,10 @@ class OutputPlacement:
                 raise
             os.rename(self.target, self._aside)
 
-    def _hold(self) -> None:
-        assert self._lock is not None
-        self._identity = _identity(self.draft)
+    def _hold(self, lock: int) -> None:
+        self._lock, self._identity = lock, _identity(self.draft)
         with suppress(OSError):  # not every file system has locks
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def _release(self) -> None:
         self._undone.detach()
@@ -256,7 +251,6 @@ def _beginning(target: Path) -> str:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock of a file or folder."""
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -271,7 +265,6 @@ def is_locked(path: Path) -> bool:
 
 
 def is_running(pid: int) -> bool:
-    """Whether a process exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -289,13 +282,13 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return found.st_dev, found.st_ino
 
 
-def sync_folder(folder: Path) -> None:
-    """Bring the names in a folder to the disk, where its file system can.
+def sync(path: Path) -> None:
+    """Bring a file, or the names in a folder, to the disk, where its file system can.
 
     Raises:
         OSError: If it cannot be opened, or the disk fails.
     """
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    number = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(number)
     except OSError as error:

@@ -8,14 +8,14 @@
 
 """A bag of all topics: the virtual robot and the energy monitor, recorded live for a while.
 
-It is made to open layouts of viewers on. Everything in it is simulated.
+It is made to open layouts of viewers on. Everything in it is simulated:
+``python ros2_energy_monitor/test/all_topics.py --out bags/kr16_all_topics --overwrite``.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -28,14 +28,14 @@ from rclpy.parameter import Parameter
 from ros2_energy_msgs.srv import SetPayload
 
 from robot_energy.bag import BagWriter
-from robot_energy.foundation.errors import BagError, RobotEnergyError
+from robot_energy.foundation.errors import BagError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.messages.fields import JOINT_STATES_TOPIC
-from robot_energy_report.layouts.plots import DIAGNOSTICS, TOPICS
+from robot_energy_report.layouts import DIAGNOSTICS, TOPICS
 from robot_energy_rig.record import ORIGIN
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.publishers import best_effort
-from ros2_energy_monitor.base.run_node import StopSignal, ros
+from ros2_energy_monitor.base.run_node import ros
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
 
@@ -74,7 +74,7 @@ class TopicRecorder(Node):
         self.counts[topic] += 1
 
 
-def record(context: Context, seconds: float, stop: StopSignal | None = None) -> TopicRecorder:
+def record(context: Context, seconds: float) -> TopicRecorder:
     """Return the recorder, destroyed, after running robot, monitor and recorder in one executor.
 
     Args:
@@ -107,8 +107,6 @@ def record(context: Context, seconds: float, stop: StopSignal | None = None) -> 
             executor.spin_once(timeout_sec=0.1)
             begin = begin or clock.now()
             lacking = [topic for topic in TYPES if not recorder.counts[topic]]
-            if stop is not None and stop.received:
-                raise BagError("interrupted", "the whole time")
             if complete is None and not lacking:
                 complete = clock.now()
             if lacking and (clock.now() - begin).nanoseconds > PATIENCE * 1e9:
@@ -132,25 +130,21 @@ def write(recorder: TopicRecorder, path: str, overwrite: bool) -> None:
             bag.write(topic, np.array([time_ns]), [content])
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Return the exit code of recording a bag: 0; 2 if it cannot be made; 130 if interrupted."""
+def main() -> None:
+    """Record a bag."""
     parser = argparse.ArgumentParser(
-        prog="all_topics", description="Record the virtual robot and the energy monitor to a bag."
+        description="Record the virtual robot and the energy monitor to a bag."
     )
     parser.add_argument("--out", required=True, metavar="BAG", help="folder of the new bag")
     parser.add_argument("--seconds", type=float, default=8.0, help="time to record (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace the bag of --out")
-    options = parser.parse_args(args)
-    if not 0 < options.seconds <= 3600:
-        parser.error(f"--seconds is {options.seconds:g}; expected up to 3600")
-    stop = StopSignal()
-    try:
-        with ros([]) as context:
-            recorder = record(context, options.seconds, stop)
-            write(recorder, options.out, options.overwrite)
-    except RobotEnergyError as error:
-        print(f"all_topics: {error}", flush=True)
-        return 130 if stop.received else 2
+    options = parser.parse_args()
+    with ros([]) as context:
+        recorder = record(context, options.seconds)
+    write(recorder, options.out, options.overwrite)
     for topic in TYPES:
-        print(f"{recorder.counts[topic]:8d} {topic}", flush=True)
-    return 0
+        print(f"{recorder.counts[topic]:8d} {topic}")
+
+
+if __name__ == "__main__":
+    main()
