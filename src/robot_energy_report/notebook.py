@@ -64,10 +64,8 @@ def _report(shown: Any) -> Any:
 
 def _table(table: TimeSeries, page: Document) -> None:
     columns = {name: column for name, column in table.to_dict().items() if name != "stamp_ns"}
-    units = [table.units.get(name.rpartition(".")[2], "") for name in columns]
-    names = [
-        f"{name} [{unit}]" if unit else name for name, unit in zip(columns, units, strict=True)
-    ]
+    units = {name: table.units.get(name.rpartition(".")[2]) for name in columns}
+    names = [f"{name} [{unit}]" if unit else name for name, unit in units.items()]
     rows = range(len(table))
     kept = rows if len(rows) <= 2 * ENDS else (*rows[:ENDS], *rows[-ENDS:])
     cells = [
