@@ -301,7 +301,11 @@ def _numbers(line: str, count: int, where: str) -> list[float]:
 
 
 def write_trajectory(
-    path: Path, joint_names: Sequence[str], time: Float, motion: Trajectory, overwrite: bool = False
+    path: Path,
+    joint_names: Sequence[str],
+    time: Float,
+    motion: Trajectory,
+    overwrite: bool = False,
 ) -> None:
     """Write one JointTrajectory message into a new bag.
 
