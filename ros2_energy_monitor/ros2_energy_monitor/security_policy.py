@@ -34,7 +34,7 @@ from robot_energy.foundation.files.output_files import GENERATOR, FileKind, chec
 from ros2_energy_monitor.base.run_node import ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.executables import EXECUTABLES
-from ros2_energy_monitor.web.robot_feed import SERVICES
+from ros2_energy_monitor.nodes.energy_dashboard import SERVICES
 
 POLICY = (FileKind("policy", b"<?xml", f"<!-- {GENERATOR} -->".encode()),)
 # Nodes that run for long, with what keeps them from files and other computers.

@@ -43,11 +43,7 @@ frequency = number_type("frequency in Hz (above 0)", 0.0, MAX_NUMBER, open_low=T
 
 
 def whole(text: str) -> int:
-    """Return a whole number.
-
-    Raises:
-        ArgumentTypeError: If it is none, or beyond 1e9.
-    """
+    """Return a whole number; an `ArgumentTypeError` if it is none, or beyond 1e9."""
     value = float(number(text))
     if value != int(value):
         raise ArgumentTypeError(f"'{text[:40]}' is not a whole number")

@@ -165,7 +165,8 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
     out, time_ = console(), report.observed_time
     out.print(
         f"{counted(report.bags, 'bag')}: {report.replayed} replayed, {report.there} there already, "
-        f"{len(report.refused)} refused, {len(report.damaged)} damaged; dataset {shown(args.out)}"
+        f"{len(report.refused)} refused, {len(report.damaged)} damaged or doubtful; "
+        f"dataset {shown(args.out)}"
     )
     if report.replayed:
         hours = time_ / 3600.0
@@ -179,9 +180,9 @@ def _print(args: Namespace, report: FleetRunReport) -> None:
         out.print(f"  {count} refused: {reason}")
     for bag in report.damaged[:SHOWN]:
         problems = "; ".join(bag.problems)
-        out.print(f"  damaged, read in part: {bag.bag}: {problems}")
+        out.print(f"  damaged or doubtful: {bag.bag}: {problems}")
     if more := len(report.damaged[SHOWN:]):
-        out.print(f"  {more} more damaged: see `robot-energy fleet report`")
+        out.print(f"  {more} more damaged or doubtful: see `robot-energy fleet report`")
     if report.jobs_left_out:
         out.print(f"  {jobs_left_out(report.jobs_left_out)}")
     if args.json is not None:

@@ -56,7 +56,6 @@ class WrappedHelp(HelpFormatter):
 
 
 def _indented(line: str, width: int) -> list[str]:
-    """One line as several that are no wider."""
     if len(line) <= width:
         return [line]
     own = " " * (len(line) - len(line.lstrip()))
@@ -127,14 +126,7 @@ class Parser(ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """Refuse unknown options first, so that they are not reported as missing ones.
-
-        Args:
-            args: Words of the command line; None for those of the process.
-
-        Returns:
-            The values, and no words that are left.
-        """
+        """Return the values, no words; unknown options are refused first, not as missing ones."""
         self.complete()
         words = list(sys.argv[1:] if args is None else args)
         for word in words:
@@ -171,8 +163,6 @@ def _near(word: str, names: Sequence[str]) -> str:
 
 
 class _Version(Action):
-    """Says the version, and whether the compiled kernels are in use."""
-
     def __call__(self, parser: ArgumentParser, *_: Any) -> None:
         from robot_energy.physics import kernels  # loads numpy
 

@@ -94,11 +94,7 @@ def progress(label: str) -> Generator[Callable[[float], None], None, None]:
 def check_outputs(
     args: Namespace, inputs: Iterable[str | None] = (), model: str | None = None
 ) -> None:
-    """Refuse output files before the work that they are for.
-
-    Args:
-        args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-    """
+    """Refuse the output files that a command has, before the work that they are for."""
     if getattr(args, "plot", None) is not None:
         from robot_energy_report.canvas import check_format
 
@@ -159,13 +155,7 @@ def present(
     notes: Sequence[str] = (),
     **words: Any,
 ) -> None:
-    """Write JSON, page and figure where they were asked for, put all in place, and print.
-
-    Args:
-        args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-        notes: At the end of the page.
-        words: Of the document of the result.
-    """
+    """Write JSON, page and figure where they were asked for, put all in place, and print."""
     from robot_energy.model import save
     from robot_energy_report.document import document_of
     from robot_energy_report.html import write_page

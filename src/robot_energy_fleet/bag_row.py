@@ -158,7 +158,10 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         **_common(bag, bag_hash),
         **_counted(result, report, totals),
         "reason": "",
-        "problems": list(report.problems),
+        "problems": [
+            *report.problems,
+            *(one.sentence for one in result.joint_states.findings()),
+        ],
         "date": day,
         "motor_temperature_degc": _mean_degc(rows),
         "jobs": listed,

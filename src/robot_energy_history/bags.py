@@ -41,11 +41,7 @@ def has_bag(connection: sqlite3.Connection, name: str) -> bool:
 
 
 def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: BagReadings) -> int:
-    """Put a bag in.
-
-    Returns:
-        The time that others have recorded, which is left out. [ns]
-    """
+    """Return the time that others have recorded, which is left out of a bag that is put in. [ns]"""
     of_bag = f"{BAG}{bag.name.partition('-')[0]}-"
     for number, origin, *_ in _epochs(connection, robot):
         if origin.startswith(of_bag):

@@ -112,7 +112,6 @@ def check_file(path: Path) -> str:
 
 
 def _columns(connection: sqlite3.Connection) -> set[tuple[str, str]]:
-    """Names of all tables with those of their columns."""
     return set(
         connection.execute(
             "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c"

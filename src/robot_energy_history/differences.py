@@ -99,11 +99,7 @@ def zero_of(reading: Reading) -> Reading:
 
 
 def begun(reading: Reading, known: bool) -> EpochStep:
-    """Return the beginning of registers that are new here: all since they were zero counts.
-
-    Args:
-        known: Whether this robot was recorded before, with other registers.
-    """
+    """Return the beginning of registers that are new here; those of a known robot were reset."""
     zero = zero_of(reading)
     begin = max(0, reading.stamp_ns - reading.counted_ns)
     flags = 0 if known else EARLIER

@@ -97,14 +97,7 @@ def version_of(connection: sqlite3.Connection) -> int:
 
 
 def prepare(connection: sqlite3.Connection, path: Path) -> None:
-    """Make the tables, if there are none.
-
-    Args:
-        connection: In autocommit mode.
-
-    Raises:
-        sqlite3.Error: If it cannot be done; all is as before then.
-    """
+    """Make the tables, in autocommit mode, if there are none; after an error all is as before."""
     if found := version_of(connection):
         require_version(found, path)
         return
@@ -135,10 +128,7 @@ def default_folder() -> Path:
 
 
 def take_lock(folder: Path) -> int:
-    """Return the lock of a folder, which is made if there is none.
-
-    Args:
-        folder: Only its owner may look into a new one.
+    """Return the lock of a folder, which is made for its owner alone if there is none.
 
     Raises:
         OSError: If the folder cannot be used.
@@ -225,11 +215,7 @@ def open_reader(folder: str | Path) -> sqlite3.Connection:
 
 @contextmanager
 def reader(folder: str | Path) -> Generator[sqlite3.Connection]:
-    """Give a connection that reads one state of a history, whatever is written meanwhile.
-
-    Yields:
-        The connection.
-    """
+    """Yield a connection that reads one state of a history, whatever is written meanwhile."""
     with closing(open_reader(folder)) as connection:
         try:
             connection.execute("BEGIN")

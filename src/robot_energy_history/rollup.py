@@ -100,11 +100,7 @@ def curves_of(blobs: Sequence[bytes]) -> NDArray[np.int64]:
 
 
 def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
-    """Roll up days that have ended, some at once.
-
-    Returns:
-        Up to where it is rolled up.
-    """
+    """Return up to where it is rolled up, once some of the days that have ended are."""
     until, target = rolled.until_ns, (now_ns - LATE_NS) // DAY_NS * DAY_NS
     for _ in range(DAYS_AT_ONCE):
         day = _next_day(connection, until)
@@ -118,11 +114,7 @@ def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
 
 
 def thin(connection: sqlite3.Connection, rolled: Rolled, keep_from_ns: int) -> Rolled:
-    """Drop quarter hours of days that are rolled up and too old, some at once.
-
-    Returns:
-        Up to where it is rolled up, and from where on there are quarter hours.
-    """
+    """Return what it holds, once quarter hours of some old days that are rolled up are dropped."""
     begin = rolled.quarters_from_ns
     target = min(rolled.until_ns, keep_from_ns // DAY_NS * DAY_NS)
     for _ in range(DAYS_AT_ONCE):

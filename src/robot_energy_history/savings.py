@@ -232,11 +232,7 @@ def savings_by_robot(
     further: Further | None = None,
     measured: bool = False,
 ) -> tuple[dict[str, EnergySavings], dict[str, HistoryError]]:
-    """Return what each robot saved, and why that is not known of the others.
-
-    Args:
-        robots: Names; empty for all. Further arguments are those of `history_savings`.
-    """
+    """Return what each robot saved as `history_savings` does, and why it is not known of others."""
     if unknown := [name for name in drivers if name not in DRIVERS]:
         raise HistoryError(f"a driver '{unknown[0]}'", ", ".join(DRIVERS))
     wish = _Wish(tuple(drivers), further or {}, measured, ZoneInfo(timezone))
@@ -271,8 +267,6 @@ class _Wish:
 
 
 class _Days(Described):
-    """Days of one robot whose energy is known, with what explains it."""
-
     stamps: Annotated[NDArray[np.int64], "Begin of each. [ns]"]
     energy: Annotated[Float, "Of each. [kWh]"]
     parts: Annotated[Float, "Jobs that ended in each."]

@@ -200,8 +200,6 @@ class EnergySections:
             "drive\nloss": "drive_loss_energy",
             "drive\ninput": "drive_input_energy",
         }
-        known = any(one.last_gear_temperature_degc is not None for one in self._report.joints)
-        gears = [Column("gear\ndegC", "last_gear_temperature_degc", fixed(1))] if known else []
         self._page.rows(
             f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input",
             [
@@ -209,7 +207,7 @@ class EnergySections:
                 *(Column(name, key, scale.joule, total=True) for name, key in energies.items()),
                 Column("share\nof grid", "share_of_grid", percent, total=True),
                 Column("motor\ndegC", "last_motor_temperature_degc", fixed(1)),
-                *gears,
+                Column("gear\ndegC", "last_gear_temperature_degc", fixed(1), optional=True),
             ],
             self._report.joints,
             "all joints",

@@ -40,13 +40,7 @@ def error_bars(
     label: str = "predicted minus measured energy [%]",
     beyond: Sequence[bool] = (),
 ) -> None:
-    """Draw one bar per name and prediction.
-
-    Args:
-        bars: Of each prediction: label, role, and its relative errors. [-]
-        beyond: Which names have hatched bars: recordings at temperatures that their fit has
-            not seen.
-    """
+    """Draw one bar per name and prediction; hatched beyond the temperatures of a fit."""
     if not names or not bars or any(len(values) != len(names) for _, _, values in bars):
         raise ShapeError("nothing to draw, or not one error for each name", "one or more")
     place, height = np.arange(len(names)), 0.76 / len(bars)
@@ -304,5 +298,4 @@ def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:
 
 
 def _of(one: RecordingScore, name: str, what: str) -> float | None:
-    """One figure of a prediction; None where there is none."""
     return getattr(one.score(name), what, None)

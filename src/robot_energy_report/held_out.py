@@ -54,11 +54,7 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
 
 
 def not_judged(test: HeldOutEnergy | None) -> str:
-    """Return which recordings lie outside the temperatures of their fit, and how to test there.
-
-    Returns:
-        One sentence or two; empty if all lie within.
-    """
+    """Return a sentence or two on recordings outside of the temperatures of their fit, or none."""
     places = [
         f"{entry.name} ({out.joint} at {out.met[0]:.0f} to {out.met[1]:.0f} degC, its fit at "
         f"{out.fitted[0]:.0f} to {out.fitted[1]:.0f} degC)"

@@ -100,7 +100,6 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
 
 
 def _at(model: RobotModel, path: str) -> Figure | None:
-    """A figure by its path; None where the model has no such part."""
     return reduce(lambda part, key: getattr(part, key, None), path.split("."), model)  # type: ignore[return-value]
 
 

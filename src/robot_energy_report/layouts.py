@@ -3,8 +3,7 @@
 They are made from the message definitions: which numbers belong into one plot, then the files.
 
 Every `float64` of our messages is in a plot: those of a message that share a unit together, those
-of the joints by field. The first page is a choice of the totals. A field of it that is renamed or
-removed makes the making of layouts fail; a new field appears by itself.
+of the joints by field; a new field appears by itself. The first page is a choice of the totals.
 """
 
 from __future__ import annotations
@@ -17,8 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree
 
-from robot_energy.bag.cdr.schema import compile_schema, leaf
-from robot_energy.bag.cdr.types import ENERGY_PACKAGE, definition, typestore
+from robot_energy.bag.cdr.types import definition
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LayoutError
 from robot_energy.foundation.files.output_files import FileKind, check_file, write_file
@@ -111,7 +109,11 @@ class _Number:
 
 def pages(joint_names: Sequence[str]) -> list[Page]:
     """Return all pages of plots."""
-    found = [_overview()]
+    overview = (
+        Plot(title, tuple(PlotCurve(topic, name) for name in fields))
+        for title, topic, fields in OVERVIEW
+    )
+    found = [Page("Energy", tuple(overview))]
     for topic, kind, totals, by_joint in TOPICS:
         numbers = _numbers(kind)
         if totals:
@@ -126,28 +128,7 @@ def pages(joint_names: Sequence[str]) -> list[Page]:
     return found
 
 
-def _overview() -> Page:
-    kinds = {topic: kind for topic, kind, _, _ in TOPICS}
-    for _, topic, fields in OVERVIEW:
-        known = {number.name for number in _numbers(kinds[topic])}
-        lacking = [name for name in fields if name not in known]
-        if lacking:
-            raise LayoutError(
-                f"{kinds[topic]} has no number {', '.join(lacking)}",
-                f"some of {', '.join(sorted(known))}",
-                "change the first page in robot_energy_report/layouts.py",
-            )
-    return Page(
-        "Energy",
-        tuple(
-            Plot(title, tuple(PlotCurve(topic, name) for name in fields))
-            for title, topic, fields in OVERVIEW
-        ),
-    )
-
-
 def _totals(topic: str, numbers: Sequence[_Number]) -> tuple[Plot, ...]:
-    """Numbers of the whole robot, one plot for each unit."""
     units = dict.fromkeys(number.unit for number in numbers if not number.array)
     return tuple(
         Plot(
@@ -169,14 +150,11 @@ def _by_joint(topic: str, number: _Number, joint_names: Sequence[str], nested: b
 
 def _numbers(kind: str) -> list[_Number]:
     """Every float64 of a message of ours, and arrays of them, in the order of its definition."""
-    fields, msgtype = _fields(kind), f"{ENERGY_PACKAGE}/msg/{kind}"
-    schema = compile_schema(msgtype, typestore())
-    found: list[_Number] = []
-    for name, (written, unit) in fields.items():
-        if written in ("float64", "float64[]"):
-            leaf(schema, name, msgtype)  # as bags have it
-            found.append(_Number(name, unit, written.endswith("[]")))
-    return found
+    return [
+        _Number(name, unit, written.endswith("[]"))
+        for name, (written, unit) in _fields(kind).items()
+        if written in ("float64", "float64[]")
+    ]
 
 
 def _fields(kind: str) -> dict[str, tuple[str, str]]:

@@ -142,15 +142,9 @@ def _table(
         Column("without constant\nlosses", lambda one: one.comparison.beyond_constant_relative,
                signed_percent),
         Column("friction\nof grid", lambda one: _share([one]), percent, total=_share),
+        Column("per job", lambda one: _per_job([one], scale), optional=True,
+               total=lambda rows: _per_job(rows, scale)),
     ]  # fmt: skip
-    if job_kinds(reports):
-        columns.append(
-            Column(
-                "per job",
-                lambda one: _per_job([one], scale),
-                total=lambda rows: _per_job(rows, scale),
-            )
-        )
     for name, group in groups.items():
         page.rows(name, columns, group, f"{counted(len(group), 'recording')}")
     if len(groups) > 1:

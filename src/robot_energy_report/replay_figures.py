@@ -40,12 +40,7 @@ class Series(Described):
 def compared_series(
     result: Replay, label: str = "predicted", role: Role = "predicted"
 ) -> tuple[Series, Series] | None:
-    """Return measured and predicted power at the meter, over what both cover.
-
-    Returns:
-        Measured and predicted, or None where nothing was compared. Their last energies
-        are those of the comparison.
-    """
+    """Return measured and predicted power at the meter, over what both cover; None for nothing."""
     return _pair(result.compared_curve, result.account.registers.time.start_ns, label, role)
 
 
@@ -72,10 +67,7 @@ def _pair(
 def predicted_series(
     result: Replay, label: str = "predicted", role: Role = "predicted"
 ) -> Series | None:
-    """Return the predicted power from the grid, for bags without a meter.
-
-    Arguments as in `compared_series`; None where there is nothing to show.
-    """
+    """Return the predicted power from the grid, for bags without a meter; None for nothing."""
     curve, start_ns = result.predicted_curve, result.account.registers.time.start_ns
     rows = None if curve is None else curve.rows()
     if rows is None or start_ns is None or not len(rows.stamp_ns):

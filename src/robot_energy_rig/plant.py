@@ -20,7 +20,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig.config import RigConfig
 from robot_energy_rig.profile import HardEffects, PlantProfile
@@ -317,12 +316,6 @@ class ThermalNetwork:
         self.gear_temperature_degc = gear_temperature_degc.copy()
         self.ambient_degc = ambient_degc
         self._inner, self._outer = profile.motor_conductance, profile.gear_conductance
-        if step > longest_step(profile):
-            raise RigError(
-                f"one step of the temperatures is {step:.3g} s of thermal time",
-                f"at most {longest_step(profile):.3g} s, a tenth of the fastest time constant",
-                "reduce thermal_speedup",
-            )
         rate, shape = np.linalg.eig(_matrix(profile))
         self._transition = (shape * np.exp(rate * step)[:, None, :]) @ np.linalg.inv(shape)
 

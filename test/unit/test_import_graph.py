@@ -90,9 +90,10 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        command commands dashboards fleet history identify identify_drives identify_dynamics
-        identify_excitation identify_inputs listings main model_reference models motions
-        recordings replay replay_arguments result_schema simulate terminal
+        check command commands dashboards export fleet history identify identify_drives
+        identify_dynamics identify_excitation identify_inputs import_logs info listings
+        main model_reference models motions replay replay_arguments report result_schema
+        simulate terminal test
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -108,7 +109,7 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files notes outputs queries readings rollup rows savings
+        api bags check differences files outputs queries readings rollup rows savings
         store tariffs use
     """,
     "robot_energy_identify": """

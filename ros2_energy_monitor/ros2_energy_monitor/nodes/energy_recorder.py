@@ -37,8 +37,13 @@ from ros2_energy_monitor.diagnostics.reporter import (
     Reporter,
     StatusBuilder,
 )
-from ros2_energy_monitor.recorder.alarm_watch import StatusHead, first_name, status_heads
-from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
+from ros2_energy_monitor.recorder.recorded_robot import (
+    SILENCE,
+    RecordedRobot,
+    StatusHead,
+    first_name,
+    status_heads,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -224,6 +224,54 @@ class PowerSwing:
         return math.sqrt(max(self.sums[2] / seconds - mean**2, 0.0))
 
 
+class MeterSums:
+    """Sums of what was compared, in whole nanojoules: over stretches, and over readings.
+
+    Readings within ``READING_NS`` are one. The cutting of the input makes no difference.
+    """
+
+    def __init__(self) -> None:
+        self._begun: list[Int | None] = [None, None]  # the sums that may go on
+        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
+
+    def take(
+        self, compared: Compared, *energies: Float
+    ) -> tuple[list[tuple[list[int], float, int]], Int, Int]:
+        """Return what ended with these intervals.
+
+        Args:
+            energies: What is summed, measured energies first, shape (K,) each. [J]
+
+        Returns:
+            Stretches: end and duration [ns] and sums [nJ]; step of the reading's power from the
+            begin to the end, NaN where the stretch before is not known [W]; and the whole second
+            from which each counts, as it is known to be complete when the next one begins [ns].
+            Readings: the first of these, shape (M, 2 + energies); and the last, shape (M,).
+        """
+        whole = np.rint(np.stack(energies) * NANOJOULE_PER_JOULE).astype(np.int64)
+        table = np.column_stack([compared.stamp_ns, compared.duration_ns, *whole])
+        found: list[Int] = []
+        for place, length_ns in enumerate((STRETCH_NS, READING_NS)):
+            begun = self._begun[place]
+            rows = table if begun is None else np.concatenate([begun, table])
+            starts = starts_of(rows[:, 0] // length_ns)
+            sums = np.add.reduceat(rows, starts, axis=0)
+            sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
+            self._begun[place] = sums[-1:]
+            found += [sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS]
+        stretches, known, readings, counts = found
+        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
+        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
+        ended: list[tuple[list[int], float, int]] = []
+        for row, power, since in zip(
+            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
+        ):
+            before, self._border = self._border, (row[0] // STRETCH_NS, power)
+            follows = before is not None and before[0] == self._border[0] - 1
+            ended.append((row, power - before[1] if before and follows else math.nan, since))
+        return ended, readings, counts
+
+
 class LagEstimate:
     """How late a meter shows what is drawn, from its readings.
 
@@ -246,8 +294,7 @@ class LagEstimate:
     def jump(self) -> None:
         """Forget what is open, as where stamps go back; the newest lag stays."""
         self.since_ns, self.lags = [], self.lags[-1:]
-        self._stretch = self._reading = np.empty((0, 4), dtype=np.int64)
-        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
+        self._sums = MeterSums()
 
     def begin(self, windows: list[tuple[float, float]]) -> None:
         """Put windows of an earlier run before those of this one.
@@ -260,25 +307,12 @@ class LagEstimate:
 
     def take(self, compared: Compared) -> None:
         """Take what became comparable, one interval or more."""
-        energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
-        table = np.column_stack(
-            [compared.stamp_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
-        )
-        stretches, known, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
-        readings, _, self._reading = closed_sums(self._reading, table, READING_NS)
-        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
-        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
-        for row, power, since in zip(
-            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
-        ):
-            end_ns, duration_ns, measured, drawn = row
-            number = end_ns // STRETCH_NS
-            before, self._border = self._border, (number, power)
-            if before is None or before[0] != number - 1 or duration_ns < MIN_SHARE * STRETCH_NS:
-                continue
-            self._windows.append(((drawn - measured) / NANOJOULE_PER_JOULE, power - before[1]))
-            self.since_ns.append(since)
-            self.lags.append(self._lag())
+        stretches, _, _ = self._sums.take(compared, compared.measured, compared.drawn)
+        for (_, duration_ns, measured, drawn), step, since in stretches:
+            if duration_ns >= MIN_SHARE * STRETCH_NS and not math.isnan(step):
+                self._windows.append(((drawn - measured) / NANOJOULE_PER_JOULE, step))
+                self.since_ns.append(since)
+                self.lags.append(self._lag())
 
     def forget(self, before_ns: int) -> None:
         """Drop lags that no later sample asks for."""
@@ -307,21 +341,3 @@ def starts_of(number: Int) -> Int:
         number: Shape (N,), N > 0.
     """
     return np.flatnonzero(differences(number, int(number[0]) - 1))
-
-
-def closed_sums(begun: Int, table: Int, length_ns: int) -> tuple[Int, Int, Int]:
-    """Sum rows by the time of their first column.
-
-    Args:
-        begun: The sum that may go on, shape (0 or 1, columns).
-        table: New rows: time [ns], and what is summed; shape (N, columns), N > 0.
-
-    Returns:
-        The sums; the whole second from which each counts, as it is known to be complete when the
-        next one begins [ns]; and the sum that may go on.
-    """
-    rows = np.concatenate([begun[:, : table.shape[1]], table])
-    starts = starts_of(rows[:, 0] // length_ns)
-    sums = np.add.reduceat(rows, starts, axis=0)
-    sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
-    return sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS, sums[-1:]

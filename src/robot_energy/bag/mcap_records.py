@@ -233,9 +233,7 @@ def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Cl
     if footer < len(MAGIC):
         return closing
     file.seek(footer)
-    tail = file.read(FOOTER_SIZE + len(MAGIC))
-    if len(tail) < FOOTER_SIZE + len(MAGIC):
-        return closing
+    tail = file.read(FOOTER_SIZE + len(MAGIC)).ljust(FOOTER_SIZE)  # it may be shorter now
     opcode, length = FRAME.unpack_from(tail)
     if tail[-8:] != MAGIC or opcode != FOOTER or length != 20:
         return closing

@@ -46,7 +46,6 @@ class BagContents:
     overlap_ns: int = 0
 
     def add(self, other: BagContents, report: Report) -> None:
-        """Add what another file of the same bag holds."""
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
         self.definitions = {**other.definitions, **self.definitions}

@@ -92,7 +92,6 @@ def read_text(
 def validated(
     data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
 ) -> M:
-    """Return plain values as an instance of a schema."""
     # 10 MB of schemas, which a reader of plain YAML or of bags does not need.
     from pydantic import ValidationError
 
@@ -109,7 +108,6 @@ def validated(
 
 
 def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFileError) -> Any:
-    """Return the plain values of one YAML document."""
     if len(text) > MAX_BYTES:
         raise error(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
     try:

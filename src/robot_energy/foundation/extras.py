@@ -28,7 +28,6 @@ STUDIES = f"{COMPANIONS}studies"
 
 
 def require(library: str, user: str) -> None:
-    """Refuse to go on where a library of an extra is not installed."""
     if find_spec(library) is None:
         raise missing(library, user)
 
@@ -51,6 +50,5 @@ def missing(library: str, user: str) -> MissingExtraError:
 
 
 def is_ours(library: str) -> bool:
-    """Whether an extra or the distribution brings a module."""
     library = library.partition(".")[0]
     return library in EXTRAS or library.startswith(COMPANIONS)

@@ -55,7 +55,6 @@ class Option:
         return f"a number from {self.low:g} to {self.high:g}"
 
     def check(self, name: str, value: object, verb: str) -> None:
-        """Refuse a value that makes no sense."""
         several = self.several and not isinstance(value, str)
         values = cast("Collection[object]", value) if several else (value,)
         fits = not self.choices or all(one in self.choices for one in values)

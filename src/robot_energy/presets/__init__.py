@@ -31,7 +31,6 @@ class RobotPreset(Kind):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """The parameters in that file, as a node takes them."""
         document = parse_yaml(self.inputs.read_text(encoding="utf-8"), str(self.inputs))
         return cast("dict[str, Any]", document)["/**"]["ros__parameters"]
 

@@ -89,7 +89,6 @@ class Replay:
 
     @property
     def account(self) -> EnergyAccount:
-        """Registers, comparison, phases."""
         return self.pipeline.account
 
 
@@ -298,16 +297,14 @@ def _require_samples(result: Replay) -> None:
         alike = [[one for one in named if one.endswith(name)] for name in result.model.joint_names]
         names = ", ".join(one[0] for one in alike) if all(len(one) == 1 for one in alike) else ""
         fitting = [name for name in shipped_models() if {*load(name).joint_names} <= {*named}]
+        remedy = "use the model of this robot, or set joint_states.joint_names"
+        remedy += f" to [{names}]" if names else ""
+        if fitting:
+            remedy = f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
         raise UnknownJointError(
             f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",
             f"the joints of the model, {' or '.join(', '.join(one) for one in ingest.known_names)}",
-            f"the messages name {', '.join(sorted(named)) or 'fewer joints'}; "
-            + (
-                f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
-                if fitting
-                else "use the model of this robot, or set joint_states.joint_names"
-                + (f" to [{names}]" if names else "")
-            ),
+            f"the messages name {', '.join(sorted(named)) or 'fewer joints'}; {remedy}",
         )
     if not ingest.rejections.received:
         why = f"; {result.problems[0]}" if result.problems else ""

@@ -78,12 +78,10 @@ class EnergyBagWriter:
             self._counted_ns = now
 
     def close(self) -> None:
-        """Finish the bag, if there is one."""
         if self._bag is not None:
             self._bag.close()
 
     def discard(self) -> None:
-        """Remove the bag, if there is one."""
         if self._bag is not None:
             self._bag.discard()
 

@@ -56,13 +56,11 @@ class LoadIngest:
         self.readers = [reader for reader in (self.meter, self.state) if reader is not None]
 
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
-        """Return what comes of the messages of a part of a bag."""
         return self._each(
             lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])
         )
 
     def flush(self) -> LoadReadings:
-        """Return what still waits, as at the end of a bag."""
         return self._each(lambda reader: reader.flush())
 
     def restart(self) -> None:

@@ -35,7 +35,6 @@ def model_of(model: ModelName) -> RobotModel:
 
 
 def effort_meaning(effort: str) -> EffortMeaning:
-    """Return what the effort in the joint states means."""
     return member_named(EffortMeaning, "effort", effort)
 
 

@@ -51,7 +51,6 @@ class AuxiliaryReport(Result):
 
 
 def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None:
-    """Return the figures of the auxiliary branch; None where there is none."""
     if account is None:
         return None
     outlet = account.outlet_microjoule
@@ -66,7 +65,6 @@ def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None
 
 
 def missing_sentences(report: AuxiliaryReport | None) -> list[str]:
-    """Return a sentence for each load whose power is not known all the time."""
     return [
         f"the power of {load.name} is not known for {load.missing_ns * NANOSECOND:.3f} s of the "
         "observed time: its energy there is not counted"

@@ -121,7 +121,6 @@ def count_tags(model: RobotModel) -> dict[str, int]:
 
 
 def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
-    """Yield every entry of a model that says by a ``tag`` how it is known."""
     if isinstance(value, Mapping):
         entries = cast("Mapping[str, Any]", value)
         if isinstance(entries.get("tag"), str):

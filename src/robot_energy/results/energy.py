@@ -205,7 +205,6 @@ class EnergyUncertainty(Result):
 
 
 def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> EnergyUncertainty:
-    """Return how sure the predicted net energy of an account is."""
     registers, calibration, band = account.registers, account.calibration, account.energy_band
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     variances = energy_variances(registers.deviation)
@@ -322,7 +321,6 @@ def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakd
 
 
 def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
     if energy.balanced:
         return []
     return [
@@ -333,7 +331,6 @@ def unbalanced(energy: EnergyBreakdown) -> list[str]:
 def comparison_of(
     account: EnergyAccount, model: RobotModel, power_error: PowerErrorSums
 ) -> MeterComparison:
-    """Return predicted and measured energy over the same intervals."""
     comparison, observed_ns = account.comparison, account.registers.time.observed_ns
     compared_ns = comparison.compared_ns
     seconds = compared_ns * NANOSECOND

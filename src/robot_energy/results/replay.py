@@ -306,7 +306,6 @@ def _inputs(result: Replay) -> dict[str, InputAccount]:
 
 
 def _notes(result: Replay) -> list[str]:
-    """What a reader should know before trusting the figures."""
     notes: list[str] = []
     account, topics = result.account, result.topics
     if not topics.meter:

@@ -323,6 +323,7 @@ def _recorded(
     found.start_ns, found.end_ns = time.start_ns, time.end_ns
     found.measured_temperature = bool(result.topics.temperatures)
     found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]
+    found.notes += [f"{path}: {one.sentence}" for one in result.joint_states.findings()]
     problems += result.problems
     return found
 

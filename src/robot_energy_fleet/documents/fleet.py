@@ -131,7 +131,7 @@ def fleet_document(
         page.paragraph(fleet_headline(report))
     if report.damaged:
         page.paragraph(
-            f"damaged, read in part: {len(report.damaged)} of {counted(report.bags, 'bag')}; what "
+            f"damaged or doubtful: {len(report.damaged)} of {counted(report.bags, 'bag')}; what "
             "was read counts, see the list under 'Data and method'",
             "problem",
         )
@@ -400,7 +400,7 @@ def _method(report: FleetReport, page: Document) -> None:
         report.refused[:MAX_LISTED],
     )
     page.rows(
-        f"Damaged bags, of which a part was read and counts: {_listed(report.damaged)}",
+        f"Damaged bags, and doubtful joint states; what was read counts: {_listed(report.damaged)}",
         [*bag, Column("what is wrong", lambda one: "; ".join(one.problems))],
         report.damaged[:MAX_LISTED],
     )

@@ -15,7 +15,7 @@ class RefusedBag(Result):
 
 
 class DamagedBag(Result):
-    """A bag that is damaged: what could be read of it counts."""
+    """A bag that is damaged, or whose joint states are doubtful: what was read of it counts."""
 
     bag: Annotated[str, "Address of the bag."]
     robot: Annotated[str, "Name of the robot."]
@@ -30,7 +30,7 @@ class FleetRunReport(Result, name="fleet_run"):
     there: Annotated[int, "Number of these that the dataset held already, unchanged."]
     replayed: Annotated[int, "Number of bags replayed."]
     refused: Annotated[tuple[RefusedBag, ...], "Bags that could not be used."]
-    damaged: Annotated[tuple[DamagedBag, ...], "Bags replayed that were read in part."]
+    damaged: Annotated[tuple[DamagedBag, ...], "Bags replayed that are damaged or doubtful."]
     jobs_left_out: Annotated[int, "Number of jobs of which a replayed bag holds only a part."]
     observed_time: Annotated[float, "Predicted time of the bags replayed. [s]"]
     elapsed_time: Annotated[float, "Time that the run took. [s]"]
@@ -133,7 +133,9 @@ class FleetReport(Result, name="fleet_report"):
     end_ns: Annotated[int | None, "End of the last bag. [ns since 1970]"]
     bags: Annotated[int, "Number of bags read."]
     refused: Annotated[tuple[RefusedBag, ...], "Bags that could not be read."]
-    damaged: Annotated[tuple[DamagedBag, ...], "Damaged bags: what was read of them counts."]
+    damaged: Annotated[
+        tuple[DamagedBag, ...], "Bags that are damaged or doubtful: what was read of them counts."
+    ]
     robots: Annotated[tuple[RobotEnergy, ...], "By name."]
     programmes: Annotated[tuple[ProgrammeEnergy, ...], "The most frequent first."]
     shifts: Annotated[tuple[ShiftEnergy, ...], "In the order of the day."]

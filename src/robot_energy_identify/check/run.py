@@ -194,10 +194,11 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
     if first == CONFLICTING and SAME_STAMP in remarks.refused:
         first = SAME_STAMP  # for which the others are refused
     settings = [one.setting for one in remarks.stream if first == CONFLICTING and one.setting]
+    remedy = settings[0] if settings else REFUSED.get(first, NO_REASON)[1]
     return [
         Finding("joint_states_refused", ERROR, ("joint_states",),
                 f"{100 * share:.1f} % of the joint states were refused: {reasons}",
-                share, *([*settings, REFUSED.get(first, NO_REASON)[1]][:1]))
+                share, remedy)
     ]  # fmt: skip
 
 

@@ -309,9 +309,10 @@ def _poor(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
     """Joints whose torque no single cause explains, by more than the model's Coulomb friction."""
     coulomb = [joint.friction.coulomb.value for joint in evidence.model.joints]
     share = fit.errors.unexplained
+    rms = np.sqrt(share * fit.variance)  # of what no error explains, motor side [N m]
     poor = {
         evidence.names[j]: float(share[j])
-        for j in np.flatnonzero((share > POOR) & (fit.unexplained_rms > coulomb)).tolist()
+        for j in np.flatnonzero((share > POOR) & (rms > coulomb)).tolist()
     }
     if poor:
         text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor.items())

@@ -113,7 +113,7 @@ class TorqueFit:
         self._not_negative = np.zeros(at, dtype=np.bool_)
         self._products: dict[int, Float] = {}
         self._columns: dict[int, tuple[NDArray[np.bool_], Float]] = {}  # rows, without target
-        self._variance, self._independent = np.full((2, n), np.nan)
+        self.variance, self._independent = np.full((2, n), np.nan)  # of each torque [(N m)^2]
         self._fill(n)
 
     def _fill(self, n: int) -> None:
@@ -176,7 +176,7 @@ class TorqueFit:
             columns = np.stack([*(own[name][0] for name in OWN), target - known[rows, j]], axis=1)
             block = np.concatenate([shared[rows, j], columns], axis=1)
             self._products[j], self._columns[j] = block.T @ block / len(turn), (rows, block[:, :-1])
-            self._variance[j] = variance
+            self.variance[j] = variance
             self._independent[j] = min(motion[j] / CORRELATION_TIME, MAX_INDEPENDENT)
 
     def _body_priors(self, own: Float) -> Float:
@@ -190,12 +190,7 @@ class TorqueFit:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Which joints are judged, shape (n,)."""
-        return np.isfinite(self._variance)
-
-    @property
-    def unexplained_rms(self) -> Float:
-        """Torque that no error explains, motor side, shape (n,). [N m]"""
-        return np.sqrt(self.errors.unexplained * self._variance)
+        return np.isfinite(self.variance)
 
     def rough_cost(self, evidence: Evidence) -> float:
         """Return about the cost of evidence with the same torque in other motion, rather too high.
@@ -284,7 +279,7 @@ class TorqueFit:
             places[j] = self._places(j)
             std = np.append(prior[places[j]], 1.0)
             scaled[j] = product * np.multiply.outer(std, std)
-        noise = {j: 0.1 * float(self._variance[j]) for j in scaled}
+        noise = {j: 0.1 * float(self.variance[j]) for j in scaled}
         matrix, values = np.eye(width), np.zeros(width)
         for _ in range(3):
             matrix, right = np.eye(width), np.zeros(width)
@@ -296,10 +291,10 @@ class TorqueFit:
             for j, product in scaled.items():
                 with_target = np.append(-values[places[j]], 1.0)
                 left = float(with_target @ product @ with_target)
-                noise[j] = max(left, 0.0) + FLOOR * float(self._variance[j])
+                noise[j] = max(left, 0.0) + FLOOR * float(self.variance[j])
         unexplained = np.full(n, np.nan)
         for j, left in noise.items():
-            unexplained[j] = left / self._variance[j]
+            unexplained[j] = left / self.variance[j]
         covariance = np.linalg.inv(matrix)
         determined = 1.0 - np.diagonal(covariance)
         judged = slice(0, self.groups["gain"].stop)

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.foundation.errors import NotIdentifiableError, check_shape
+from robot_energy.foundation.errors import check_shape
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Urdf
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.urdf.checks import parse
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.base_parameters import SHOWN
 from robot_energy_identify.dynamics.consistent import second_moments
@@ -81,7 +80,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
             [kg], [kg m] and [kg m^2]
     """
     check_shape("link_parameters", link_parameters.shape, (10 * len(joint_names),))
-    parse(urdf_xml)  # refuses what cannot be used
     root = ET.fromstring(urdf_xml.strip())
     links = {str(link.get("name")): link for link in root.findall("link")}
     below: dict[str, list[str]] = {}
@@ -96,12 +94,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
             below.setdefault(parent, []).append(child)
     for place, name in enumerate(joint_names):
         body = link_parameters[10 * place : 10 * place + 10]
-        if not body[0] > 0.0:
-            raise NotIdentifiableError(
-                f"the body behind joint '{name}' came out with {body[0]:g} kg",
-                "bodies that can exist",
-                "write the physically consistent fit",
-            )
         carried = [behind[name]]
         while carried:
             link = carried.pop()

@@ -140,20 +140,11 @@ POOR = 0.5  # torque error above which units or ratios are likelier wrong than t
 
 
 def check_channels(channels: Sequence[Channels], model: RobotModel) -> None:
-    """Refuse recordings without what a fit needs: every joint, every sample, a torque."""
+    """Refuse recordings without what a fit needs: every sample, a torque."""
     names = model.joint_names
     if not channels:
         raise NotIdentifiableError("there is no stretch of recording without gaps", "one or more")
-    if len({part.rate for part in channels}) != 1:
-        raise NotIdentifiableError(
-            "the stretches of the recording have different rates", "one rate for all"
-        )
     for part in channels:
-        if part.joint_position.shape[1] != len(names):
-            raise NotIdentifiableError(
-                f"the recording has {part.joint_position.shape[1]} joints",
-                f"{len(names)} as the model: {', '.join(names)}",
-            )
         for what, values in (("position", part.joint_position), ("torque", part.motor_torque)):
             whole = np.atleast_1d(np.isfinite(values).all(axis=0)).tolist()
             bad = [name for name, ok in zip(names, whole, strict=True) if not ok]

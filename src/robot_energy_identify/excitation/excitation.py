@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import field
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -130,8 +130,6 @@ class ExcitationSettings(Described):
     ] = field(default_factory=standard_columns, repr=False)
 
     def __post_init__(self) -> None:
-        if self.criterion not in get_args(Criterion):
-            raise MotionError(f"unknown criterion '{self.criterion}'", "condition or determinant")
         for name, least in (("starts", 1), ("iterations", 1), ("seed", 0)):
             if getattr(self, name) < least:
                 raise MotionError(f"{name} is {getattr(self, name)}", f"a number from {least} on")

@@ -21,6 +21,7 @@ from robot_energy_identify.drives.total_power import TotalFit
 from robot_energy_identify.drives.total_sums import COEFFICIENTS, Sums
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
+from robot_energy_identify.friction.laws import MIN_RANGE
 from robot_energy_identify.friction.temperature_study import Study
 from robot_energy_identify.friction_and_thermal import FrictionFound, ThermalFound
 from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
@@ -326,6 +327,7 @@ def identification_report(
             *notes,
             *found.apart,
             *_without_temperature(found),
+            *_at_one_temperature(found),
             *_without_warm_up(model, recordings),
         ),
     )
@@ -340,6 +342,20 @@ def _without_temperature(found: FrictionFound) -> list[str]:
         f"no motor temperature of {', '.join(axes)}, so that friction is a constant there, that of "
         "the temperatures at which it was recorded: check these sensors, or name their topic with "
         "--inputs"
+    ]
+
+
+def _at_one_temperature(found: FrictionFound) -> list[str]:
+    """Name the axes whose friction is a constant because they were recorded at one temperature."""
+    axes = [fit for fit in found.fits if np.ptp(fit.range_degc) < MIN_RANGE]
+    if not axes:
+        return []
+    low, high = axes[0].range_degc
+    return [
+        f"friction of {', '.join(fit.name for fit in axes)} was recorded at one temperature each "
+        f"({axes[0].name} {low:.0f} to {high:.0f} degC), so that it is a constant: other "
+        "temperatures count as outside the fitted ones, and change it by 2 to 5 % per kelvin; "
+        "record it cold and warm"
     ]
 
 

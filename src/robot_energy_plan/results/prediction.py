@@ -2,6 +2,8 @@
 
 from typing import Annotated
 
+import numpy as np
+
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.payload import Payload
 from robot_energy.results.auxiliary import (
@@ -20,6 +22,8 @@ from robot_energy.results.energy import (
 from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy_plan.motion.load_motion import LoadedMotion
 from robot_energy_plan.prediction import Prediction
+
+SLOW = 0.005  # of the speed limits: hardly a program
 
 
 class PredictedTime(Result):
@@ -138,12 +142,19 @@ def _notes(result: Prediction) -> list[str]:
     if result.extrapolated:
         notes.append(
             f"EXTRAPOLATED: the friction of {', '.join(result.extrapolated)} was never fitted at "
-            "that temperature; what holds there the key `outside` of its law says"
+            "that temperature; where its law has a key `outside`, that says what holds there"
         )
     if result.one_temperature:
         notes.append(
             f"the friction of {', '.join(result.one_temperature)} is the same at every "
             "temperature in this model"
+        )
+    speeds = result.limits.speed
+    fastest = float(np.max(speeds, initial=0.0, where=np.isfinite(speeds)))
+    if 0.0 < fastest < SLOW:
+        notes.append(
+            f"no joint is faster than {100 * fastest:.2g} % of its speed limit: are the times of "
+            "the motion in seconds?"
         )
     samples, counts = result.account.counts.samples, result.account.counts.quality
     share = counts[int(Quality.DRIVE_EXTRAPOLATED)] / samples if samples else 0.0

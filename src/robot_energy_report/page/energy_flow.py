@@ -130,13 +130,10 @@ def known_label(name: str, known_time: float, missing_time: float) -> str:
 
 
 def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
-    """Return the flows of a balance; None where a term is unknown.
+    """Return the flows of a balance; None where a term is unknown. The base is as in `unit_for`.
 
     Only the terms are rounded, so that they sum to the grid's rounded flow; every flow between
     them is a sum of whole units. An axis that feeds back is a source: of what its motion gives.
-
-    Args:
-        base: As of `unit_for`. [W] or [J]
     """
     terms = parts.terms
     if not all(map(math.isfinite, [*terms, parts.returned])):
@@ -195,11 +192,7 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
 
 
 def registers_picture(registers: dict[str, Any]) -> FlowPicture | None:
-    """Return flows since the registers were zero, in units readable in Wh; None: unknown.
-
-    Args:
-        registers: As `PageReaders.registers` returns them. [J]
-    """
+    """Return flows since the registers were zero, in units readable in Wh; None: unknown."""
     joints = registers["joints"]
     parts = FlowParts(
         [shown(joint["name"]) for joint in joints],

@@ -85,12 +85,9 @@ class Period(Described):
         return period_at(self.kind, begin, self.zone)
 
     def same_part(self, until_ns: int) -> int:
-        """Return until when the period before lasts to be as long as this one up to an instant.
+        """Return until when the period before is as long as this one up to a quarter hour. [ns]
 
-        By local clock, so that a day of 23 hours is compared up to the same hour. [ns]
-
-        Args:
-            until_ns: A quarter hour within this period. [ns]
+        By local clock, so that a day of 23 hours is compared up to the same hour.
         """
         before = self.moved(-1)
         gone = self._wall(until_ns) - self._wall(self.start_ns)
@@ -168,11 +165,7 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
 
 
 def instant(text: str, zone: ZoneInfo) -> int:
-    """Return an instant that a request names. [ns]
-
-    Args:
-        text: A date, or date and time, local to the zone unless it says its offset.
-    """
+    """Return an instant that a request names, local to the zone unless it says its offset. [ns]"""
     stamp_ns = stamp_of(text, zone)
     if not 0 <= stamp_ns < MAX_NS:
         raise HistoryError(f"time '{text[:40]}'", "one from 1970 to 2190")

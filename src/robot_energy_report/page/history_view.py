@@ -210,11 +210,7 @@ class HistoryView:
         return Wish(period, tuple(dict.fromkeys(asked.get("robot", ()))), group)
 
     def answer(self, wish: Wish, now_ns: int) -> dict[str, Any]:
-        """Return what the page draws.
-
-        Returns:
-            Energies in J, times in s since 1970; None where nothing was recorded.
-        """
+        """Return what the page draws: energies in J, times in s since 1970; None: not recorded."""
         with reader(self.folder) as connection:
             known = list(robots_of(connection))
             robots_of(connection, wish.robots)
@@ -359,16 +355,10 @@ class HistoryView:
     def _ended(
         self, wish: Wish, period: Period, whole: bool, names: Sequence[str] = SHOWN_OF_JOBS
     ) -> TimeSeries:
-        """Jobs that ended, in each part of a period or in all of it."""
         bounds = [period.start_ns, period.stop_ns] if whole else period.bounds
         return job_sums(self.folder, bounds, wish.robots, names)
 
     def _jobs(self, wish: Wish, ended: Sequence[Row], before: Period) -> list[dict[str, Any]]:
-        """Jobs of each name and robot that ended in all parts, next to those of the period before.
-
-        Args:
-            ended: Of each part of the period, or of all of it.
-        """
         earlier = rows_of(self._ended(wish, before, whole=True))
         means = {(one["robot"], one["job"]): one["microjoule_per_part"] / 1e6 for one in earlier}
         sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)

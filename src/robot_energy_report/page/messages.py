@@ -179,11 +179,9 @@ class PageReaders:
         return _usable(self._power, batch, "joints.name")
 
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:
-        """Return the fields of the newest usable register message, or None.
+        """Return the fields of the newest registers, or None; batch as in `PageReaders.power`.
 
         Energies of the robot are NaN while no time was observed: 0 J would be a result.
-
-        Argument as in `PageReaders.power`.
         """
         runs = _usable(self._registers, batch, "joints.name")
         if not runs:
@@ -207,10 +205,7 @@ class PageReaders:
         return found
 
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
-        """Return the newest friction of each joint by its name, or None.
-
-        Argument as in `PageReaders.power`.
-        """
+        """Return the newest friction of each joint, or None; batch as in `PageReaders.power`."""
         runs = _usable(self._friction, batch, "joint_names")
         if not runs:
             return None
@@ -249,7 +244,6 @@ def net_energy(registers: dict[str, Any]) -> float:
 
 
 def _newest_rows(run: Run, entries: str, fields: Sequence[str]) -> list[dict[str, Any]]:
-    """Name and fields of each joint or load in the newest message of a run."""
     newest = {field: run.array(f"{entries}.{field}")[-1] for field in fields}
     return [
         {"name": name, **{field: float(newest[field][place]) for field in fields}}

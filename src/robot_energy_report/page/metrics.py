@@ -102,11 +102,7 @@ LEVELS = ("WARN", "ERROR", "STALE")
 
 
 def metrics_text(hub: PageHub, now: float) -> bytes:
-    """Return all metrics in the OpenMetrics format.
-
-    Args:
-        now: As of `PageHub.tick`. [s]
-    """
+    """Return all metrics as OpenMetrics; time as in `robot_energy_report.page.hub.PageHub.tick`."""
     registry = CollectorRegistry()
     registry.register(_Robots(hub.snapshots(now)))
     written: bytes = cast("Any", exposition).generate_latest(registry)
@@ -118,7 +114,6 @@ class _Robots(Collector):
         self._robots = robots
 
     def collect(self) -> Iterator[Any]:
-        """Yield every family with the samples of all robots."""
         families: dict[str, Any] = {}
         for metric in METRICS.values():
             kind = CounterMetricFamily if metric.counter else GaugeMetricFamily

@@ -96,8 +96,6 @@ class HistoryRoutes:
         return {**self._view.answer(wish, now_ns), "control": self._control}
 
     def _json(self, answer: Answer) -> Callable[[Request], Awaitable[Response]]:
-        """Return the route that gives the answer to a wish."""
-
         async def route(request: Request) -> Response:
             def work(now_ns: int) -> str:
                 asked = _asked(request)
@@ -252,21 +250,28 @@ class PageApp:
         return answer
 
     async def _control(self, request: Request) -> Response:
-        control = self._hub.control
-        found = await _wish(request)
-        if found is None or control is None or found[0] not in self._hub.robots:
+        control, found = self._hub.control, await _json_of(request, MAX_BODY)
+        given = cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+        robot, action, text = (str(given.get(key, "")) for key in ("robot", "action", "text"))
+        if (
+            control is None
+            or robot not in self._hub.robots
+            or action not in ACTIONS
+            or not isinstance(given.get("text"), str)
+            or len(text) > MAX_REASON
+        ):
             return PlainTextResponse(
                 f"expected JSON with robot (one of the page), action ({', '.join(ACTIONS)}) and "
                 f"text (up to {MAX_REASON} characters)\n",
                 400,
             )
         try:
-            require_plain_text("a text", found[2].strip(), MAX_REASON, RegisterError)
+            require_plain_text("a text", text.strip(), MAX_REASON, RegisterError)
         except RegisterError as error:  # before ROS, which cannot send a lone surrogate
             return PlainTextResponse(f"{error}\n", 400)
         try:
             async with asyncio.timeout(PATIENCE):
-                done, sentence = await asyncio.wrap_future(control(*found))
+                done, sentence = await asyncio.wrap_future(control(robot, action, text))
         except (TimeoutError, asyncio.CancelledError):
             done = False
             sentence = "the monitor did not answer; see in the list of intervals what was done"
@@ -276,22 +281,7 @@ class PageApp:
 
 
 def _shown(request: Request) -> str:
-    """Name of the robot that a page shows; empty for the first."""
     return request.query_params.get("robot", "")
-
-
-async def _wish(request: Request) -> tuple[str, str, str] | None:
-    """Robot, action and text of a request for an action; None if it has none."""
-    found = await _json_of(request, MAX_BODY)
-    if not isinstance(found, dict):
-        return None
-    values = cast("dict[str, Any]", found)
-    robot, action, text = (values.get(key) for key in ("robot", "action", "text"))
-    if not (isinstance(robot, str) and isinstance(action, str) and isinstance(text, str)):
-        return None
-    if action not in ACTIONS or len(text) > MAX_REASON:
-        return None
-    return robot, action, text
 
 
 class EventStream:
@@ -382,7 +372,6 @@ def _takes_gzip(request: Request) -> bool:
 
 
 def _packed(request: Request, content: bytes, kind: str) -> Response:
-    """Return an answer, packed for who unpacks it."""
     if not _takes_gzip(request):
         return Response(content, media_type=kind)
     headers = {"content-encoding": "gzip", "vary": "accept-encoding"}

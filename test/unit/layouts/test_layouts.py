@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from places import ROOT
-from robot_energy.foundation.errors import LayoutError, MessageTypeError
+from robot_energy.foundation.errors import MessageTypeError
 from robot_energy.messages.fields import JOINT_STATES_TOPIC
 from robot_energy.model import load
 from robot_energy_cli.main import main
@@ -119,13 +119,6 @@ def test_every_number_of_every_message_is_somewhere(folder):
             assert f'"{topic}.{name}"' in text
         for name in re.findall(r"^float64\[\] (\w+)$", definition, re.M) if by_joint else ():
             assert f'"{topic}.{name}[5]"' in text
-
-
-def test_a_field_that_is_gone_stops_the_making(monkeypatch):
-    changed = (("Power [W]", "/energy/power", ("predicted_grid_power", "grid")),)
-    monkeypatch.setattr(layouts, "OVERVIEW", changed)
-    with pytest.raises(LayoutError, match="PowerState has no number grid"):
-        pages(JOINTS)
 
 
 def test_a_message_that_is_gone_stops_the_making(monkeypatch):

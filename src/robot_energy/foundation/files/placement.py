@@ -68,7 +68,6 @@ class OutputPlacement:
             os.fsync(number)
 
     def make_folder(self) -> None:
-        """Make the draft of a folder, and the folders above it."""
         with self._disk():
             parent = self.target.parent
             missing = [one for one in (parent, *parent.parents) if not one.exists()]
@@ -252,7 +251,6 @@ def _beginning(target: Path) -> str:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock of a file or folder."""
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

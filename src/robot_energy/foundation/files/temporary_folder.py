@@ -34,7 +34,6 @@ class TemporaryFolder(AbstractContextManager["TemporaryFolder"]):
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove what killed processes of this user left."""
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if not entry.name.startswith(PREFIX):
