@@ -14,7 +14,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import Float, Int, Learning, PowerBlock
-from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_plan.motion.ptp import Program
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_rig.plant import COULOMB_DEGC, PlantFriction
 from robot_energy_studies.learning_study import joint_block, pipeline_of

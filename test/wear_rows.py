@@ -29,7 +29,7 @@ from robot_energy.model import RobotModel, load
 from robot_energy.model.payload import Payload, payload
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import NANOSECOND, Float
-from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_plan.motion.ptp import Program
 from robot_energy_rig import PlantProfile, RigConfig
 from robot_energy_rig.plant import (
     COULOMB_DEGC,
@@ -38,8 +38,7 @@ from robot_energy_rig.plant import (
     PlantFriction,
     ThermalNetwork,
 )
-from robot_energy_studies.learning_study import work
-from robot_energy_studies.wear_shift import HIDDEN
+from robot_energy_studies.learning_study import HIDDEN, work
 from wear_cycle import RATE, CycleSums, cycle_sums
 
 PART = 15.0  # s summed up together

@@ -1,6 +1,6 @@
 """When wear is found on the rig, and how often it is found where there is none.
 
-Runs of the rig itself (`robot_energy_studies.wear_shift`) take too long to be repeated on ten
+Runs of the rig itself (`robot_energy_studies.learning_study`) take too long to be repeated on ten
 plants. `simulated` runs many days by the rows of `wear_rows`, and asks of each
 axis four things: how often an alarm is raised without wear, and when a step, a slow rise and a
 fall are found that begin at a given hour of its motion. For these three the excess of the records
@@ -24,7 +24,7 @@ from robot_energy.condition.wear_records import MotionGatherer, WearRecord
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig import PlantProfile
-from robot_energy_studies.wear_shift import DAY_HOURS
+from robot_energy_studies.learning_study import DAY_HOURS
 from wear_rows import START_NS, WearRows
 
 METER_PART = 5.0  # s of a window of the meter

@@ -15,16 +15,14 @@ import pytest
 from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReading, PowerState
 from sensor_msgs.msg import JointState
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder
+from robot_energy.bag.cdr.decode import Decoder, RawBatch
 from robot_energy.model import load, save
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_papers.experiment import make_programs, soaked
-from robot_energy_papers.held_out import held_out
-from robot_energy_papers.models import FOLLOWS, fixed_name, identify
+from robot_energy_papers.models import FOLLOWS, fixed_name, held_out, identify
 from robot_energy_rig import load_profile
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor

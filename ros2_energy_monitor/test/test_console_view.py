@@ -107,6 +107,14 @@ def test_the_error_of_the_whole_is_one_line(board):
     assert board.energy_error() == "no energy was compared with a meter"
 
 
+def test_in_the_first_seconds_no_error_of_the_energy_is_shown(board):
+    """A monitor sends no predicted energy at the meter while the lag of the meter matters."""
+    board.registers.predicted_energy_at_meter = math.nan
+    rows = {" ".join(row[:2]): row[2:] for row in words(board) if row[1:2] == ["[Wh]"]}
+    assert rows["energy [Wh]"] == ["-", "6.98", "-", "-"]
+    assert board.energy_error().endswith("- Wh predicted, 6.98 Wh measured (-)")
+
+
 def test_without_a_meter_nothing_is_compared():
     board = ConsoleView()
     nothing = state()

@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 from robot_energy_cli import (
-    advise,
     check,
+    dashboards,
     export,
-    fleet_identify,
-    fleet_report,
-    fleet_run,
+    fleet,
     history,
-    identify_all,
+    identify,
     identify_drives,
     identify_dynamics,
     identify_excitation,
-    identify_friction,
-    identify_metered,
-    identify_thermal,
     import_logs,
     info,
-    layouts,
     listings,
     models,
-    monitoring,
-    optimize,
-    predict,
+    motions,
     replay,
     report,
-    shared_bus,
     simulate,
     test,
 )
@@ -40,9 +31,8 @@ IDENTIFY = Group(
     "what",
     "WHAT",
     lambda: (
-        identify_all.COMMAND, identify_excitation.COMMAND, identify_friction.COMMAND,
-        identify_dynamics.COMMAND, identify_metered.CABINET, identify_drives.COMMAND,
-        identify_thermal.COMMAND, identify_metered.AUXILIARY,
+        identify.ALL, identify_excitation.COMMAND, identify.FRICTION, identify_dynamics.COMMAND,
+        identify.CABINET, identify_drives.COMMAND, identify.THERMAL, identify.AUXILIARY,
     ),
 )  # fmt: skip
 FLEET = Group(
@@ -51,11 +41,11 @@ FLEET = Group(
     "Many bags of many robots: replay them into a dataset, report, identify.",
     "what",
     "WHAT",
-    lambda: (fleet_run.COMMAND, fleet_report.COMMAND, fleet_identify.COMMAND),
+    lambda: (fleet.RUN, fleet.REPORT, fleet.IDENTIFY),
 )
 COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
-    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, predict.COMMAND, optimize.COMMAND,
-    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
-    simulate.COMMAND, listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
+    motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
+    simulate.COMMAND, listings.SCHEMA, dashboards.LAYOUTS, dashboards.MONITORING,
 )  # fmt: skip

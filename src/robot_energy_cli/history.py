@@ -1,4 +1,4 @@
-"""`robot-energy history`: energy over years: shown, checked, repaired, priced."""
+"""`robot-energy history`: energy over years: shown, reported, exported, checked, priced."""
 
 from __future__ import annotations
 
@@ -8,24 +8,78 @@ from argparse import Namespace
 from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Any
-from zoneinfo import ZoneInfo
 
-from robot_energy.foundation.errors import HistoryError
+from robot_energy.foundation.errors import HistoryError, ReportError
+from robot_energy.foundation.files.output_files import (
+    MARKED_CSV,
+    METRICS,
+    PARQUET,
+    SQL,
+    STANDARD_OUTPUT,
+    TEXT,
+    FileKind,
+    check_file,
+    write_file,
+)
+from robot_energy.foundation.shown_text import shown
 from robot_energy.foundation.time_zone import local_time
-from robot_energy_cli.command import Command, Group, Options
-from robot_energy_cli.history_output import EXAMPLES, EXPORT, REPORT, export, report
-from robot_energy_cli.terminal import console
+from robot_energy_cli.command import REQUIRED, Command, Group, Options
+from robot_energy_cli.terminal import check_report, console, sign, wrote
 
+WHAT = "the rows of the history"
+DAYS_AGAIN = 3  # that are written again by default, as late messages may have changed them
+KINDS: dict[str, tuple[str, tuple[FileKind, ...]]] = {
+    "csv": (".csv", MARKED_CSV),
+    "parquet": (".parquet", PARQUET),
+    "line": (".lp", TEXT),
+    "sql": (".sql", SQL),
+    "openmetrics": (".om", METRICS),
+}
+ENDS = ", ".join(end for end, _ in KINDS.values())
+EXAMPLES = """\
+examples:
+  robot-energy history export --out days.csv --resolution day --start 2026-10-01
+  robot-energy history export --format line --out - | curl --data-binary @- "$INFLUX_URL"
+  robot-energy history export --format sql --out - | psql -q -v ON_ERROR_STOP=1 plant
+"""
+RESOLUTIONS = ("minute", "quarter", "hour", "day", "month")
 FOLDER: Options = {
     "folder": (
         "folder of the history (default $ROS_HOME/robot_energy/history, in ~/.ros without it)",
         {"nargs": "?", "default": ""},
     )
 }
+ZONE: Options = {
+    "--timezone NAME": ("where days begin, such as Europe/Berlin", {"default": "UTC"}),
+}
+ROBOTS: Options = {"--robots NAMES": "which robots, separated by commas (default: all)"}
+EXPORT: Options = {
+    **FOLDER,
+    "--out FILE": (f"{ENDS} by its name; - for standard output", REQUIRED),
+    "--format": ("of the standard output, or of any name", {"choices": (*KINDS,), "default": ""}),
+    "--resolution": (
+        f"time that one row covers: {', '.join(RESOLUTIONS)} (default: quarter)",
+        {"metavar": "NAME", "choices": RESOLUTIONS, "default": "quarter"},
+    ),
+    "--start DAY": f"first day (default: {DAYS_AGAIN} days before the stop)",
+    "--stop DAY": "the day after the last (default: today, so that all days are over)",
+    **ZONE,
+    **ROBOTS,
+}
+REPORT: Options = {
+    **FOLDER,
+    "--out FILE": ("the report: .html, or .pdf where a Chromium is installed", REQUIRED),
+    "--month MONTH": ("such as 2026-10 (default: the last one that is over)", {"default": ""}),
+    "--timezone NAME": (
+        "where days begin (default: that of the newest tariff, else UTC)",
+        {"default": ""},
+    ),
+    **ROBOTS,
+}
 SHOW: Options = {
     **FOLDER,
-    "--timezone NAME": ("where days begin, such as Europe/Berlin", {"default": "UTC"}),
-    "--robots NAMES": "which robots, separated by commas (default: all)",
+    **ZONE,
+    **ROBOTS,
     "--start DAY": "first day, such as 2026-10-01, in place of today, this week and this month",
     "--stop DAY": "the day after the last (default: tomorrow)",
     "--resolution": (
@@ -35,27 +89,21 @@ SHOW: Options = {
 }
 SAVINGS: Options = {
     **FOLDER,
-    "--robot NAME": ("the robot", {"required": True}),
+    "--robot NAME": ("the robot", REQUIRED),
     "--baseline DAYS": (
         "first day of the baseline and the day after its last, such as 2026-03-01:2026-05-01",
-        {"required": True},
+        REQUIRED,
     ),
-    "--reported DAYS": ("the same for the days that are compared with it", {"required": True}),
+    "--reported DAYS": ("the same for the days that are compared with it", REQUIRED),
     "--drivers NAMES": (
         "what explains energy, separated by commas: parts, motion_hours, on_hours",
         {"default": "parts"},
     ),
     "--further FILE": "CSV table with a column date and more that explains energy, such as "
     "the temperature",
-    "--measured": (
-        "the energy of the meter, in place of that of the model",
-        {"action": "store_true"},
-    ),
-    "--timezone NAME": SHOW["--timezone NAME"],
+    "--measured": "the energy of the meter, in place of that of the model",
+    **ZONE,
 }
-KWH = 3.6e12  # [uJ]
-HOUR = 3.6e12  # [ns]
-MAX_EVENTS = 50  # that are shown
 
 
 def _folder(args: Namespace) -> Path:
@@ -64,203 +112,95 @@ def _folder(args: Namespace) -> Path:
     return Path(args.folder).expanduser() if args.folder else default_folder()
 
 
+def _robots(args: Namespace) -> tuple[str, ...]:
+    return tuple(args.robots.split(",")) if args.robots else ()
+
+
+def _export(args: Namespace) -> int:
+    from robot_energy_history.outputs import WRITERS, Wanted
+    from robot_energy_history.queries import zone_of
+    from robot_energy_history.tariffs import day_begin
+
+    folder, suffix = _folder(args), Path(args.out).suffix.lower()
+    kind = args.format or next((one for one, (end, _) in KINDS.items() if end == suffix), "")
+    if not kind:
+        raise ReportError(
+            f"'{shown(args.out)}' has no known format", f"a name that ends in {ENDS}",
+            "or name it: --format line",
+        )  # fmt: skip
+    if kind == "parquet" and args.out == STANDARD_OUTPUT:
+        raise ReportError("Parquet to the standard output", "a file")
+    check_file(args.out, KINDS[kind][1], WHAT, [folder])
+    zone = zone_of(args.timezone)
+    stop = _day(args.stop) if args.stop else datetime.now(zone).date()
+    start = _day(args.start) if args.start else stop - timedelta(days=DAYS_AGAIN)
+    wanted = Wanted(
+        folder, day_begin(start, zone), min(day_begin(stop, zone), time.time_ns()),
+        args.resolution, _robots(args), args.timezone,
+    )  # fmt: skip
+    data = WRITERS[kind](wanted)
+    write_file(args.out, data, KINDS[kind][1], WHAT)
+    if args.out != STANDARD_OUTPUT:
+        wrote(console(), args.out, f"{kind}, from {start} to {stop}, {len(data)} bytes")
+    return 0
+
+
+def _day(text: str) -> date:
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise HistoryError(f"the day '{shown(text)}'", "one such as 2026-10-01") from None
+
+
+def _report(args: Namespace) -> int:
+    from robot_energy_report.history_month import month_document
+    from robot_energy_report.html import write_page
+
+    folder = _folder(args)
+    check_report(args.out, [str(folder)])
+    page = month_document(folder, args.month, time.time_ns(), args.timezone, _robots(args))
+    sign(args, page)
+    write_page(page, args.out)
+    wrote(console(), args.out, page.title)
+    return 0
+
+
 def _show(args: Namespace) -> int:
     from robot_energy_history.queries import zone_of
     from robot_energy_report.document import Document
+    from robot_energy_report.history_tables import time_section
     from robot_energy_report.printing import print_document
 
     zone = zone_of(args.timezone)
     today = datetime.now(zone).date()
     page, stop = Document(), args.stop or str(today + timedelta(days=1))
-    if args.start:
-        _tables(args, page, f"From {args.start} to {stop}", args.start, stop, args.resolution)
-    else:
-        monday = today - timedelta(days=today.weekday())
-        for title, start in (
-            ("Today", today),
-            ("This week", monday),
-            ("This month", today.replace(day=1)),
-        ):
-            _tables(args, page, title, str(start), stop, "all")
+    times = {f"From {args.start} to {stop}": args.start}
+    if not args.start:
+        monday, first = today - timedelta(days=today.weekday()), today.replace(day=1)
+        times = {"Today": today, "This week": monday, "This month": first}
+    resolution: Any = args.resolution if args.start else "all"
+    for title, start in times.items():
+        span = (str(start), stop)
+        time_section(
+            page, title, _folder(args), span, resolution, _robots(args), zone, bool(args.start)
+        )
     print_document(page, console())
     return 0
 
 
-def _tables(args: Namespace, page: Any, title: str, start: str, stop: str, resolution: Any) -> None:
-    from robot_energy_history.api import history, history_events, history_jobs
-    from robot_energy_history.queries import rows_of
-    from robot_energy_report.document import Column
-    from robot_energy_report.formats import counted, fixed
-
-    names: list[str] = args.robots.split(",") if args.robots else []
-    found = history(_folder(args), start, stop, resolution, names, args.timezone)
-    rows = rows_of(found)
-    zone = ZoneInfo(args.timezone)
-
-    def local(stamp_ns: int) -> str:
-        return f"{local_time(stamp_ns, zone):%F %R}"
-
-    page.heading(title)
-    if not rows:
-        page.paragraph("nothing was recorded in this time")
-    else:
-        when = [] if resolution == "all" else [Column("from", lambda row: local(row["stamp_ns"]))]
-        money = [Column("cost", "cost", fixed(2), found.currency)] if found.currency else []
-        columns = [
-            Column("robot", "robot"),
-            *when,
-            *(
-                Column(name, f"{key}_microjoule", _kwh, "kWh")
-                for name, key in (
-                    ("from the grid", "predicted_import"),
-                    ("motion", "motion"),
-                    ("at rest", "hold"),
-                    ("standby", "standby"),
-                    ("friction", "friction"),
-                    ("measured", "measured"),
-                )
-            ),
-            Column("observed", "observed_ns", lambda value: f"{value / HOUR:.2f}", "h"),
-            *money,
-        ]
-        page.rows("Energy by robot", columns, rows)
-    if found.currency and rows and resolution == "all":
-        _standby(page, rows, found.currency)
-        _shifts(args, page, start, stop, names, found.currency)
-    asked = (_folder(args), start, stop)
-    if resolution == "all" and rows:
-        ended = rows_of(history_jobs(*asked, "all", names, args.timezone))
-        columns = [
-            Column("job", "job"),
-            Column("robot", "robot"),
-            Column("parts", "parts"),
-            Column("energy", "predicted_import_microjoule", _kwh, "kWh"),
-            Column("of each", "microjoule_per_part", _kwh, "kWh"),
-        ]
-        page.rows("Jobs that ended", columns, ended)
-    if args.start:
-        _friction(args, page, asked, names)
-        known = rows_of(history_events(*asked, names, args.timezone))
-        columns = [
-            Column("when", lambda row: local(row["stamp_ns"])),
-            Column("robot", "robot"),
-            Column("what", "kind"),
-            Column("in words", "text"),
-        ]
-        page.rows(f"Events, the last {MAX_EVENTS} at most", columns, known[-MAX_EVENTS:])
-    spans = found.not_resolved
-    if len(spans):
-        used = int(spans["predicted_import_microjoule"].sum()) / KWH
-        page.note(
-            f"{used:.4f} kWh more were used in {counted(len(spans), 'span')} while the recorder "
-            f"was off, the last until {local(int(spans['stop_ns'].max()))}; they are in no row"
-        )
-    unpriced = sum(r["predicted_import_microjoule"] - r.get("priced_microjoule", 0) for r in rows)
-    if found.currency and unpriced:
-        page.note(f"{unpriced / KWH:.4f} kWh have no cost: when they were used is not known, or no "
-                  "tariff holds")  # fmt: skip
-
-
-def _friction(args: Namespace, page: Any, asked: tuple[Path, str, str], names: list[str]) -> None:
-    from robot_energy_history.api import history_friction
-    from robot_energy_history.queries import rows_of
-    from robot_energy_report.document import Column
-    from robot_energy_report.formats import fixed
-
-    found = rows_of(history_friction(*asked, "month", names, args.timezone))
-    zone = ZoneInfo(args.timezone)
-    columns = [
-        Column("month", lambda row: f"{local_time(row['stamp_ns'], zone):%Y-%m}"),
-        *(Column(name, name) for name in ("robot", "joint")),
-        Column("over the model file", "ratio", fixed(3)),
-        Column("days", "days"),
-        Column("model file", lambda row: row["model_id"][:8]),
-    ]
-    page.rows("Learned friction", columns, found)
-
-
-def _standby(page: Any, rows: list[dict[str, Any]], currency: str) -> None:
-    from robot_energy_history.use import RESTS
-    from robot_energy_report.document import Column
-    from robot_energy_report.formats import fixed
-
-    idle = [row for row in rows if any(row[f"standby_{rest}_microjoule"] for rest in RESTS)]
-    columns = [Column("robot", "robot")]
-    for rest in RESTS:
-        place = f"at {rest}" if rest == "night" else f"at the {rest}"
-        columns += [
-            Column(place, f"standby_{rest}_microjoule", _kwh, "kWh"),
-            Column("cost", f"standby_{rest}_cost", fixed(2), currency),
-        ]
-    page.rows("Standby while nobody worked", columns, idle)
-
-
-def _shifts(
-    args: Namespace, page: Any, start: str, stop: str, names: list[str], currency: str
-) -> None:
-    from robot_energy_history.api import history
-    from robot_energy_history.queries import rows_of
-    from robot_energy_history.tariffs import stored_tariffs
-    from robot_energy_report.document import Column
-    from robot_energy_report.formats import fixed
-
-    if not any(one.shifts for one in stored_tariffs(_folder(args))):
-        return
-    found = history(_folder(args), start, stop, "all", names, args.timezone, by_shift=True)
-    columns = [
-        Column("shift from", "shift"),
-        Column("robot", "robot"),
-        Column("from the grid", "predicted_import_microjoule", _kwh, "kWh"),
-        Column("standby", "standby_microjoule", _kwh, "kWh"),
-        Column("cost", "cost", fixed(2), currency),
-    ]
-    page.rows("Energy by shift", columns, rows_of(found))
-
-
-def _kwh(microjoule: float) -> str:
-    return f"{microjoule / KWH:.4f}"
-
-
 def _savings(args: Namespace) -> int:
-    from robot_energy_history.queries import rows_of
+    from robot_energy_history.queries import zone_of
     from robot_energy_history.savings import history_savings
-    from robot_energy_report.document import Column, Document
-    from robot_energy_report.formats import fixed
+    from robot_energy_report.document import Document
+    from robot_energy_report.history_tables import savings_section
     from robot_energy_report.printing import print_document
 
+    zone, page = zone_of(args.timezone), Document()
     found = history_savings(
         _folder(args), args.robot, _span(args.baseline), _span(args.reported),
         args.drivers.split(","), args.timezone, _further(args.further), args.measured,
     )  # fmt: skip
-    model, page = found.baseline, Document()
-    page.heading(f"Savings of {args.robot}")
-    page.paragraph(
-        f"saved {found.saved:.3f} +-{found.band:.3f} kWh of {found.expected:.3f} kWh expected "
-        f"({found.saved / found.expected:.1%} +-{found.band / found.expected:.1%}, 90 % band): "
-        + ("a saving" if found.claimed else "not certain to be a saving")
-    )
-    page.rows(
-        f"Baseline of {model.days} days, CV(RMSE) {model.cv_rmse:.1%}",
-        [
-            Column("explained by", 0),
-            Column("kWh of each", 1, fixed(4)),
-            Column("+-", 2, fixed(4)),
-        ],
-        list(zip(model.names, model.values, model.std * model.half_width(0.9), strict=True)),
-    )
-    zone, rows = ZoneInfo(args.timezone), rows_of(found)
-    weekly = [*rows[6:-1:7], *rows[-1:]]
-    page.rows(
-        "Saved up to the end of each seventh day",
-        [
-            Column("day", lambda row: f"{local_time(row['stamp_ns'], zone):%F}"),
-            Column("saved", "saved", fixed(3), "kWh"),
-            Column("+-", "band", fixed(3), "kWh"),
-        ],
-        weekly,
-    )
-    for note in found.notes:
-        page.note(note)
+    savings_section(page, args.robot, found, zone)
     print_document(page, console())
     return 0
 
@@ -307,8 +247,7 @@ def _check(args: Namespace) -> int:
 def _repair(args: Namespace) -> int:
     from robot_energy_history.check import repair
 
-    said = repair(_folder(args), time.time_ns())
-    for one in said or ["nothing was wrong"]:
+    for one in repair(_folder(args), time.time_ns()) or ["nothing was wrong"]:
         console().print(one)
     return 0
 
@@ -341,38 +280,20 @@ COMMAND = Group(
     "what",
     "WHAT",
     lambda: (
-        Command(
-            "export",
-            "export it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
-            lambda args: export(args, _folder(args)),
-            {**FOLDER, **EXPORT},
-            epilog=EXAMPLES,
-        ),
-        Command(
-            "report",
-            "a month as one page: verdict, days, robots, losses, standby, jobs",
-            lambda args: report(args, _folder(args)),
-            {**FOLDER, **REPORT},
-        ),
-        Command(
-            "show", "what robots and jobs used: today, this week, this month", _show, SHOW
-        ),
+        Command("export",
+                "export it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
+                _export, EXPORT, epilog=EXAMPLES),
+        Command("report", "a month as one page: verdict, days, robots, losses, standby, jobs",
+                _report, REPORT),
+        Command("show", "what robots and jobs used: today, this week, this month", _show, SHOW),
         Command("savings", "what a robot saved against earlier days, with its band", _savings,
                 SAVINGS),
-        Command(
-            "check", "check that its sums equal the registers, to the microjoule", _check, FOLDER
-        ),
-        Command(
-            "repair",
-            "keep what can be read of a damaged history, and correct its sums",
-            _repair,
-            FOLDER,
-        ),
-        Command(
-            "tariff",
-            "show or add prices, CO2 factors and shifts, each valid from a day on",
-            _tariff,
-            {**FOLDER, "--add FILE": "tariffs to add, also while the recorder runs"},
-        ),
+        Command("check", "check that its sums equal the registers, to the microjoule", _check,
+                FOLDER),
+        Command("repair", "keep what can be read of a damaged history, and correct its sums",
+                _repair, FOLDER),
+        Command("tariff", "show or add prices, CO2 factors and shifts, each valid from a day on",
+                _tariff,
+                {**FOLDER, "--add FILE": "tariffs to add, also while the recorder runs"}),
     ),
 )  # fmt: skip

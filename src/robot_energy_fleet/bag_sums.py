@@ -13,7 +13,7 @@ from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
-from robot_energy_plan.consecutive import ConsecutiveBlocks
+from robot_energy_plan.optimization.deviations import ConsecutiveBlocks
 
 SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
 OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(len(SUMS))

@@ -14,7 +14,7 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw, LawEntry, TableLaw
+from robot_energy.model.friction_laws import ExponentialLaw, LawEntry, TableLaw
 from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.bag_joints import (
@@ -30,7 +30,7 @@ from robot_energy_fleet.bag_joints import (
     VISCOUS,
 )
 from robot_energy_identify.bounds import identified
-from robot_energy_identify.friction.laws import GRID, MIN_RANGE, MIN_SHARE, SCALES
+from robot_energy_identify.friction.laws import GRID, MIN_RANGE, MIN_SHARE, SCALES, constant_law
 from robot_energy_identify.stats.regression import SCATTER, Fit, student
 from robot_energy_identify.stats.systematic import (
     BODIES,
@@ -131,7 +131,7 @@ def fit_constant(merged: MergedSums) -> tuple[LawEntry, Fit]:
     """Return a law with one viscous coefficient, and fc with that."""
     fit = merged.fit(np.ones((NODES, 1)), ("viscous",))
     value, std = float(fit.values[1]), float(fit.std[1])
-    return ConstantLaw(law="constant", viscous=identified(value, std, merged.source)), fit
+    return constant_law(identified(value, std, merged.source), merged.bags.degc), fit
 
 
 def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:

@@ -32,6 +32,7 @@ from robot_energy_identify.check.evidence import (
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter, lag_of
+from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread, undone
 from robot_energy_identify.dynamics.dynamics import Dynamics
@@ -41,6 +42,8 @@ from robot_energy_identify.provenance import require_some
 MISTAKES = (
     "torque_sign", "joint_sign", "joint_order", "torque_scale", "gear_ratio", "effort_meaning",
 )  # fmt: skip
+# All torques and powers follow from positions and velocities.
+MOTION_MISTAKES = ("degrees", "millimetres", "velocity_scale", "velocity_sign", "velocity_zero")
 # A delay is estimated and undone; what the meter reads less than the prediction is the model's.
 METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
 UNLIKE = 0.1  # of the size of torque: sound recordings of one robot differ by 0.02
@@ -109,7 +112,7 @@ def _torque_causes(parts: Sequence[Evidence]) -> tuple[Finding, ...]:
             found.append(
                 Finding(
                     "torque_scale", ERROR, part.names, f"{part.name}: its torque is 0 throughout",
-                    0.0, float("nan"), "leave this recording out, or record torque",
+                    0.0, "leave this recording out, or record torque",
                 )
             )  # fmt: skip
             continue
@@ -171,6 +174,28 @@ def notes_on_torque(parts: Sequence[Evidence], where: str = "") -> tuple[str, ..
         where: Begins each sentence.
     """
     return tuple(where + _sentence(finding) for finding in _torque_causes(parts)) if parts else ()
+
+
+def refuse_motion(recording: Recording) -> tuple[str, ...]:
+    """Refuse positions and velocities that do not fit each other, or in another unit.
+
+    Returns:
+        What else is wrong with joint states and meter, one sentence each.
+    """
+    found, _ = check_motion(_evidence_of(recording, EffortMeaning.NONE))
+    _refuse(
+        [
+            replace(one, sentence=f"{recording.path.name}: {one.sentence}")
+            for one in found
+            if one.cause in MOTION_MISTAKES
+        ],
+        "positions in rad or m, and their change as velocity",
+    )
+    problems = [_sentence(one) for one in found if one.cause == STAMPS_UNEVEN]
+    if (result := recording.replay) is not None:
+        problems += [one.sentence for one in result.joint_states.findings()]
+        problems.append(result.meter.refused)
+    return tuple(f"{recording.path.name}: {one}" for one in problems if one)
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:

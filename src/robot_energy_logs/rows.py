@@ -12,11 +12,10 @@ from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Int
 from robot_energy.timeline.stamps import BAD_STAMP, MIN_DATE, valid_stamps
-from robot_energy_logs.cells import Mask, TableRows
 from robot_energy_logs.instants import Instants
 from robot_energy_logs.mapping import LATEST_NS, Time
 from robot_energy_logs.recording import FileAccount
-from robot_energy_logs.table import LogTable
+from robot_energy_logs.table import LogTable, Mask, TableRows
 
 
 def side_by_side(
@@ -62,11 +61,7 @@ def _all(masks: Iterable[Mask]) -> Mask:
 
 
 class Clock:
-    """Gives the rows of the tables of one log their time, run after run.
-
-    Attributes:
-        notes: What was assumed of the times, one sentence each.
-    """
+    """Gives the rows of the tables of one log their time, run after run."""
 
     def __init__(self, time: Time) -> None:
         self._time = time
@@ -80,7 +75,7 @@ class Clock:
         self._rows = 0
         self._run = 0
         self._source = ""
-        self.notes = self._instants.notes
+        self.notes = self._instants.notes  # what was assumed of the times, one sentence each
 
     def begin_table(self, name: str = "") -> None:
         """Begin another table: where times begin at zero, it is a run of its own."""

@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import FIRST_SEED, SEED_STEP, allowed
 from robot_energy_plan.motion import random_program
@@ -54,16 +53,11 @@ class Holding(Described):
 class Calibration(Described):
     """The plant in figures."""
 
-    mean_power: Annotated[
-        Float, "Mean power by random program and start temperature, shape (programs, K). [W]"
-    ]
+    mean_power: Annotated[Float, "By program and start temperature, shape (programs, K). [W]"]
     peak_power: Annotated[Float, "The same, greatest power. [W]"]
     start_degc: Annotated[Float, "The start temperatures, shape (K,). [degC]"]
     holding: Holding
-    flows: Annotated[
-        dict[float, dict[str, float]],
-        "Mean power of every flow during the first program, by temperature. [W]",
-    ]
+    flows: Annotated[dict[float, dict[str, float]], "Of every flow, by temperature. [W]"]
 
     def ratio(self, cold: float, hot: float) -> Float:
         """Return the energy at one temperature over that at another, shape (programs,). [-]
@@ -137,8 +131,6 @@ def calibrate(profile: PlantProfile, seed: int, programs: int, moves: int) -> Ca
     Args:
         programs: How many programs of the kind of the experiment; >= 1.
     """
-    if programs < 1:
-        raise RigError(f"{programs} programs were asked for", "at least 1")
     limits, above = allowed(profile)
     first = FIRST_SEED + SEED_STEP * seed
     mean, peak = np.empty((2, programs, len(PROGRAM_DEGC)))

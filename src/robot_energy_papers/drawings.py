@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import ShapeError
 from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import COLOURS, SERIES, Axes, Target, canvas, named_ticks, panels
 
@@ -44,9 +43,7 @@ class EnergyStudy(Described):
 
     robot_degc: Annotated[Float, "Temperature of each set, shape (K,). [degC]"]
     measured: Annotated[Float, "Relative to the reference, shape (K,). [-]"]
-    cooling: Annotated[
-        Sequence[bool], "Which sets were recorded while the robot cooled, shape (K,)."
-    ]
+    cooling: Annotated[Sequence[bool], "Which sets were recorded while it cooled, shape (K,)."]
     curves: Sequence[ModelEnergyCurve]
     reference_degc: Annotated[float, "Where the measured energy is 1. [degC]"]
 
@@ -55,8 +52,6 @@ def energy_over_temperature(
     study: EnergyStudy, path: Target, title: str = "", deviation: bool = False
 ) -> None:
     """Draw measured and predicted energy (paper A, fig. 7a), and the deviation (fig. 7b)."""
-    if not len(study.robot_degc):
-        raise ShapeError("no set to draw", "at least one temperature")
     with canvas(path, (8.0, 7.0) if deviation else (6.4, 4.2), title) as figure:
         axes: Any = figure.subplots(2 if deviation else 1, 1, sharex=True, squeeze=False)[:, 0]
         _energies(axes[0], study)
@@ -81,8 +76,6 @@ def shaft_power_over_temperature(
         curves: Time [s] and power [W] of the same motions, shape (N,) each, by label, coldest
             first.
     """
-    if not curves:
-        raise ShapeError("no curve to draw", "at least one temperature")
     colours = (SERIES[0], SERIES[2], SERIES[1], SERIES[3])
     with canvas(path, (8.0, 3.4), title) as figure:
         axes: Any = figure.subplots()
@@ -141,9 +134,7 @@ class FigureLine(Described):
     time: Annotated[Float, "Shape (N,) [s], or what else the figure is drawn over. [m]"]
     values: Annotated[Float, "Shape (N,), in the unit of the figure."]
     colour: str
-    width: Annotated[
-        float, "Width of the line; a wide one below a thin one shows where they part. [pt]"
-    ] = 1.0
+    width: Annotated[float, "A wide line below a thin one shows where they part. [pt]"] = 1.0
 
 
 def by_column(names: Sequence[str], lines: Sequence[FigureLine]) -> dict[str, list[FigureLine]]:

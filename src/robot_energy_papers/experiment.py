@@ -16,12 +16,13 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
+from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_plan.motion import (
     JointMotion,
     MotionLimits,
     Program,
-    Sequence,
+    Trajectory,
     random_program,
     tool_above,
 )
@@ -43,6 +44,7 @@ REST = 600.0  # s between two sets while the robot cools
 TEST, HOLD, TRAIN_HEAT, TEST_HEAT = 1, 2, 3, 4  # seeds of the other programs
 SEED_STEP = 1000  # between the seeds of two studies
 FIRST_SEED = 11
+JOIN_TOLERANCE = 1e-6  # rad or m between the parts of a sequence
 
 
 class Programs(Described):
@@ -74,7 +76,7 @@ class MotionSet(Described):
         return float((motor[1] - motor[0]).max())
 
     @property
-    def lag(self) -> float:
+    def motor_minus_gear(self) -> float:
         """Mean of motor minus gear temperature over axes and time. [K]"""
         recording = self.recording
         return float((recording.motor_temperature_degc - recording.gear_temperature_degc).mean())
@@ -84,17 +86,51 @@ class Plan(Described):
     """An experiment by motion."""
 
     cycles: int
-    record_at: Annotated[
-        tuple[float, ...],
-        "Mean motor temperatures, rising, from which on a set is recorded. [degC]",
-    ]
+    record_at: Annotated[tuple[float, ...], "Rising, from which on a set is recorded. [degC]"]
     cool_cycles: Annotated[int, "Sets after that, each behind a rest."] = 0
-    cool_at: Annotated[
-        tuple[float, ...],
-        "Mean motor temperatures, falling, at which such a set is recorded. [degC]",
-    ] = ()
+    cool_at: Annotated[tuple[float, ...], "Falling, at which such a set is recorded. [degC]"] = ()
     start_degc: Annotated[float, "Temperature of motors and gears. [degC]"] = 20.0
     ambient_degc: Annotated[float, "[degC]"] = 20.0
+
+
+class Sequence:
+    """Motions that follow one another, each from its own start, as a test bench runs them.
+
+    Args:
+        parts: Motion and how long it is played; the last one goes on. [s]
+    """
+
+    def __init__(self, parts: Row[tuple[JointMotion, float]]) -> None:
+        times = np.array([time for _, time in parts])
+        self._motions = [motion for motion, _ in parts]
+        self.begin: Float = np.concatenate([[0.0], np.cumsum(times)[:-1]])  # of each part [s]
+        self.duration = float(times.sum())
+        self.n_joints = self._motions[0].n_joints
+        for index in range(1, len(parts)):
+            here = self._motions[index - 1].sample(times[index - 1 : index])
+            there = self._motions[index].sample(np.zeros(1))
+            apart = np.abs(there.joint_position - here.joint_position).max()
+            speed = max(np.abs(here.joint_velocity).max(), np.abs(there.joint_velocity).max())
+            if max(apart, speed) > JOIN_TOLERANCE:
+                raise MotionError(
+                    f"part {index + 1} begins {apart:.3g} rad from the end of part {index}, at "
+                    f"{speed:.3g} rad/s",
+                    "parts that end at rest where the next one begins",
+                )
+
+    def sample(self, time: Float) -> Trajectory:
+        """Return the motion, joint side.
+
+        Args:
+            time: Since the start of the first part, shape (N,). [s]
+        """
+        part = np.maximum(np.searchsorted(self.begin, time, side="right") - 1, 0)
+        found = np.empty((3, len(time), self.n_joints))
+        for index in np.unique(part).tolist():
+            rows = part == index
+            path = self._motions[index].sample(time[rows] - self.begin[index])
+            found[:, rows] = path.joint_position, path.joint_velocity, path.joint_acceleration
+        return Trajectory(*found)
 
 
 def allowed(profile: PlantProfile) -> tuple[MotionLimits, Callable[[Float], bool]]:

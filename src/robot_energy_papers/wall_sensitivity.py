@@ -6,16 +6,14 @@ from dataclasses import replace
 from functools import cache
 from xml.etree import ElementTree
 
-from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel, load
-from robot_energy.model.figure import Figure
-from robot_energy.model.friction_laws import ExponentialLaw
 from robot_energy.model.joint import Joint
 from robot_energy.timeline.blocks import Float
 from robot_energy_papers.machines import ARM, MACHINES, Energies, layer, predicted, wall_motion
+from robot_energy_papers.models import with_friction_times, with_values
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 from robot_energy_plan.motion import Trajectory
-from robot_energy_plan.motion.tool_timing import ToolLimits
+from robot_energy_plan.motion.tool_motion import ToolLimits
 
 GANTRY = "testbed"
 QUANTITIES = ("mechanical, magnitude", "electrical, drives")
@@ -168,33 +166,15 @@ def _changed(
     amplifier: float = 1.0,
 ) -> Joint:
     """A joint with factors on its figures; the gear ratio changes no Coulomb force of the joint."""
-    friction, losses = joint.friction, joint.losses
-    if losses is None or not isinstance(friction.viscous, ExponentialLaw):
-        raise MotionError(f"{joint.name} has other entries than the shipped models", "losses")
-    law = friction.viscous
-    return joint.model_copy(
-        update={
-            "gear_ratio": _times(joint.gear_ratio, ratio),
-            "friction": friction.model_copy(
-                update={
-                    "coulomb": _times(friction.coulomb, coulomb / ratio),
-                    "viscous": law.model_copy(
-                        update={"a": _times(law.a, viscous), "b": _times(law.b, viscous)}
-                    ),
-                }
-            ),
-            "losses": losses.model_copy(
-                update={
-                    "copper": _times(losses.copper, copper),
-                    "constant": _times(losses.constant, amplifier),
-                }
-            ),
-        }
-    )
-
-
-def _times(figure: Figure, factor: float) -> Figure:
-    return figure.model_copy(update={"value": figure.value * factor})
+    losses = joint.losses
+    assert losses is not None  # of all shipped models of paper B
+    constant = losses.constant.value * amplifier
+    update = {
+        "friction": with_friction_times(joint, coulomb / ratio, viscous),
+        "losses": with_values(losses, copper=losses.copper.value * copper, constant=constant),
+    }
+    joint = with_values(joint, gear_ratio=joint.gear_ratio.value * ratio)
+    return joint.model_copy(update=update)
 
 
 def _with_masses(model: RobotModel, factor: float) -> RobotModel:

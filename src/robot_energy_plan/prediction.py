@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Unpack
+from typing import Annotated, Unpack
 
 import numpy as np
 
@@ -124,31 +124,23 @@ class LimitUse:
 
 @dataclass
 class Prediction:
-    """What a prediction gave.
-
-    Attributes:
-        motor_temperature_degc: Assumed and held, shape (n,). [degC]
-        extrapolated: Joints whose friction law does not reach that temperature.
-        one_temperature: Joints whose friction law is the same at every temperature.
-        duration: Of all repetitions. [s]
-        work: Path of the tool and work on the bodies.
-        payload: What was given: instead of what the model has on the same link, and besides what
-            it has on others.
-    """
+    """What a prediction gave."""
 
     program: str
     model: RobotModel
-    motor_temperature_degc: Float
-    extrapolated: tuple[str, ...]
-    one_temperature: tuple[str, ...]
-    duration: float
+    motor_temperature_degc: Annotated[Float, "Assumed and held, shape (n,). [degC]"]
+    extrapolated: Annotated[tuple[str, ...], "Joints extrapolated to that temperature."]
+    one_temperature: Annotated[tuple[str, ...], "Joints with one friction at every temperature."]
+    duration: Annotated[float, "Of all repetitions. [s]"]
     repeat: int
     pipeline: EnergyPipeline
     limits: LimitUse
-    work: WorkSums
+    work: Annotated[WorkSums, "Path of the tool and work on the bodies."]
     means: MeanBlock | None = None
     notes: list[str] = field(default_factory=list[str])
-    payload: tuple[Payload, ...] = ()
+    payload: Annotated[
+        tuple[Payload, ...], "Given; it replaces the model's on that link alone."
+    ] = ()
 
     @property
     def account(self) -> EnergyAccount:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy_plan.results.common_supply import CommonSupply
 from robot_energy_plan.results.optimization import MeasureResult, OptimizationReport
-from robot_energy_plan.results.shared_bus import SharedBusReport
+from robot_energy_plan.results.shared_bus import CommonSupply, SharedBusReport
 from robot_energy_report.canvas import SERIES, Axes, Target, canvas, saving_bars
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
@@ -145,7 +144,6 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
     )
     if report.supply is not None:
         _supply(page, report, report.supply)
-    _front(page, report, scale)
     page.heading("How to try it", 3)
     for number, step in enumerate(report.how_to_try, 1):
         page.paragraph(f"{number}. {step}")
@@ -244,19 +242,6 @@ def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) ->
     )
     if report.shared_bus is not None:
         page.paragraph(bus_verdict(report.shared_bus), "strong")
-
-
-def _front(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:
-    with page.only("page"):
-        page.rows(
-            "Trade-offs without waits: no program is better in energy, time and peak at once",
-            [
-                Column("time", "duration", fixed(2), "s"),
-                Column("energy", "energy", scale.joule, scale.unit),
-                Column("peak", "peak_power", fixed(0), "W"),
-            ],
-            report.front,
-        )
 
 
 KILO = 1e-3

@@ -33,6 +33,11 @@ from robot_energy_plan.motion import MotionLimits
 KELVIN = 273.15  # K at 0 degC
 SHIFT = 0.7  # mm^2/s
 MIN_DEGC, MAX_DEGC = -40.0, 200.0
+POSITIVE = (
+    "stribeck_velocity", "torque_constant", "motor_capacity", "gear_capacity",
+    "motor_conductance", "gear_conductance", "acceleration",
+)  # fmt: skip
+"""Figures of a plant that are never 0."""
 
 
 class Lubricant(Described):
@@ -47,10 +52,7 @@ class Lubricant(Described):
 
     """
 
-    viscosity_40: Annotated[
-        float,
-        "Kinematic viscosity at 40 degC; an ISO VG grade is this figure within 10 %. [mm^2/s]",
-    ]
+    viscosity_40: Annotated[float, "Kinematic, at 40 degC: the ISO VG grade within 10 %. [mm^2/s]"]
     viscosity_100: Annotated[float, "At 100 degC. [mm^2/s]"]
 
     def __post_init__(self) -> None:
@@ -114,61 +116,48 @@ class SupplyProfile(Described):
     brake_resistance: Annotated[float, "[ohm]"]
 
     def __post_init__(self) -> None:
-        for name in ("capacitance", "brake_resistance", "rectified_voltage"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise RigError(f"the supply's {name} is {getattr(self, name)}", "a value > 0")
-        if not 0 < self.rectifier_efficiency <= 1:
+        voltages = self.rectified_voltage, self.chopper_off_voltage, self.chopper_on_voltage
+        if not (0 < voltages[0] < voltages[1] < voltages[2] < np.inf):
             raise RigError(
-                f"the rectifier efficiency is {self.rectifier_efficiency}", "a share in (0, 1]"
-            )
-        if not self.rectified_voltage < self.chopper_off_voltage < self.chopper_on_voltage:
-            raise RigError(
-                f"the link is rectified at {self.rectified_voltage} V, the chopper switches off at "
-                f"{self.chopper_off_voltage} V and on at {self.chopper_on_voltage} V",
+                "the link is rectified at {} V, the chopper switches off at {} V and on at {} "
+                "V".format(*voltages),
                 "rising voltages in this order",
+            )
+        efficiency, rest = self.rectifier_efficiency, (self.capacitance, self.brake_resistance)
+        if not (0 < efficiency <= 1 and 0 < min(rest) and max(rest) < np.inf):
+            raise RigError(
+                f"efficiency, capacitance and brake resistance of the supply are {efficiency}, "
+                f"{rest[0]} and {rest[1]}",
+                "a share in (0, 1], and values > 0",
             )
 
 
 class HardEffects(Described):
     """Figures of the effects that `RigConfig.hard` adds; the same for every axis."""
 
-    elastic_deflection: Annotated[
-        float, "Of a joint at the effort limit of the URDF. [rad] or [m]"
-    ] = 1.5e-3
-    presliding_angle: Annotated[
-        float, "Motor angle over which Coulomb friction reverses to 63 %. [rad]"
-    ] = 0.3
+    elastic_deflection: Annotated[float, "At the effort limit. [rad] or [m]"] = 1.5e-3
+    presliding_angle: Annotated[float, "Of the motor, for 63 % of a reversal. [rad]"] = 0.3
     coulomb_fall: Annotated[
         float,
-        "Share of Coulomb friction lost per kelvin above 40 degC of the gear; it never falls below "
-        "`MIN_COULOMB_SHARE`. [1/K]",
+        "Coulomb friction lost per kelvin above 40 degC, down to `MIN_COULOMB_SHARE`. [1/K]",
     ] = 0.003
     viscous_exponent: Annotated[float, "Of speed, in (0, 1]. [-]"] = 0.8
-    viscous_speed: Annotated[
-        float, "Motor speed at which the exponent changes nothing. [rad/s]"
-    ] = 150.0
+    viscous_speed: Annotated[float, "Where the exponent changes nothing. [rad/s]"] = 150.0
     fan_power: Annotated[float, "Of the fan, on the grid side. [W]"] = 25.0
     fan_on_degc: Annotated[float, "It starts when the warmest motor is above. [degC]"] = 45.0
     fan_off_degc: Annotated[float, "It stops below. [degC]"] = 40.0
 
     def __post_init__(self) -> None:
-        if not (self.elastic_deflection >= 0 and self.presliding_angle > 0):
+        sound = (
+            self.elastic_deflection >= 0, self.presliding_angle > 0, self.coulomb_fall >= 0,
+            0 < self.viscous_exponent <= 1, self.viscous_speed > 0, self.fan_power >= 0,
+            self.fan_off_degc < self.fan_on_degc,
+        )  # fmt: skip
+        if not all(sound):
             raise RigError(
-                f"the deflection is {self.elastic_deflection}, the presliding angle "
-                f"{self.presliding_angle}",
-                "a deflection >= 0 and an angle > 0",
-            )
-        if not (0 < self.viscous_exponent <= 1 and self.viscous_speed > 0):
-            raise RigError(
-                f"the viscous exponent is {self.viscous_exponent} at {self.viscous_speed} rad/s",
-                "an exponent in (0, 1] and a speed > 0",
-            )
-        if not (self.coulomb_fall >= 0 and self.fan_power >= 0):
-            raise RigError("the Coulomb fall or the fan power is negative", "figures >= 0")
-        if not self.fan_off_degc < self.fan_on_degc:
-            raise RigError(
-                f"the fan stops at {self.fan_off_degc} and starts at {self.fan_on_degc} degC",
-                "a start above the stop",
+                f"effects of the rig are {vars(self)}",
+                "an angle, an exponent and a speed > 0, the exponent at most 1, a fan that stops "
+                "below its start, other figures >= 0",
             )
 
 
@@ -181,16 +170,12 @@ class PlantProfile(Described):
     """
 
     body: Annotated[
-        str,
-        "Name of the shipped model, or path of a model file, of which only URDF, payload, gear "
-        "ratios and rotor inertias are used.",
+        str, "A shipped model or model file: URDF, payload, gear ratios, rotor inertias of it."
     ]
     lubricant: Annotated[tuple[Lubricant, ...], "One oil per axis."]
     coulomb: Annotated[Float, "At no load. [N m]"]
     load_coulomb: Annotated[Float, "Per rigid-body motor torque. [-]"]
-    stribeck: Annotated[
-        Float, "Added at zero speed, falling with ``exp(-(w/stribeck_velocity)^2)``. [N m]"
-    ]
+    stribeck: Annotated[Float, "At zero speed, ``exp(-(w/stribeck_velocity)^2)`` of it. [N m]"]
     stribeck_velocity: Annotated[Float, "[rad/s]"]
     viscous_40: Annotated[Float, "Viscous coefficient with the oil at 40 degC. [N m s/rad]"]
     torque_constant: Annotated[Float, "At 20 degC. [N m/A rms]"]
@@ -211,30 +196,16 @@ class PlantProfile(Described):
     hard: Annotated[HardEffects, "Figures of effects that are off by default."] = HardEffects()
 
     def __post_init__(self) -> None:
-        n_joints = len(self.lubricant)
-        positive = {
-            "stribeck_velocity",
-            "torque_constant",
-            "motor_capacity",
-            "gear_capacity",
-            "motor_conductance",
-            "gear_conductance",
-            "acceleration",
-        }
-        arrays: dict[str, Float] = {
-            name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
-        }
-        for name, values in arrays.items():
-            if values.shape != (n_joints,):
-                raise RigError(
-                    f"the profile's {name} has shape {values.shape}",
-                    f"one figure for each of {n_joints} axes",
-                )
-            floor_ok = values > 0 if name in positive else values >= 0
-            if not (floor_ok & np.isfinite(values)).all():
+        for name, values in vars(self).items():
+            if not isinstance(values, np.ndarray):
+                continue
+            least = np.finfo(float).tiny if name in POSITIVE else 0.0
+            sound = (values >= least) & np.isfinite(values)
+            if values.shape != (self.n_joints,) or not sound.all():
+                sign = ">" if least else ">="
                 raise RigError(
                     f"the profile's {name} is {values.tolist()}",
-                    "finite figures > 0" if name in positive else "figures >= 0",
+                    f"a finite figure {sign} 0 for each of {self.n_joints} axes",
                 )
 
     @property

@@ -13,15 +13,13 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
-    Int,
     MeterBlock,
     MeterLocation,
     MeterMeaning,
     TemperatureBlock,
 )
 from robot_energy_plan.motion import Trajectory
-from robot_energy_rig.config import RigConfig
-from robot_energy_rig.output import RigJoints, Truth
+from robot_energy_rig.config import RigConfig, RigJoints, Truth
 
 TURN = 2.0 * np.pi  # rad
 JITTER_SPREAD = 3.0  # standard deviations at which the jitter is cut
@@ -107,42 +105,28 @@ class JointSensors:
         """
         sensors, on = self._config.sensors, self._config
         velocity, torque = motors.joint_velocity, motor_torque * self._torque_gain
-        power = truth.drive_power
+        stamp_ns, position, power = truth.stamp_ns, motors.joint_position, truth.drive_power
+        chain = self._drivetrain
         if self._velocity_filter:
             velocity = self._velocity_filter.step(velocity)
         if on.velocity_noise:
             noise = self._velocity.standard_normal(velocity.shape)
             noise *= sensors.velocity_noise
-            velocity = velocity + self._drivetrain.joint_velocity_from_motor(noise)
+            velocity = velocity + chain.joint_velocity_from_motor(noise)
         if on.torque_noise:
             torque = torque + self._torque.standard_normal(torque.shape) * sensors.torque_noise
         if on.drive_power_error:
             noise = self._drive.standard_normal(power.shape)
             power = power * self._drive_gain + noise * sensors.drive_power_noise
-        return RigJoints(
-            stamp_ns=self._stamps(truth.stamp_ns),
-            joint_position=self._positions(motors.joint_position),
-            joint_velocity=velocity,
-            measured_motor_torque=torque,
-            measured_drive_power=power,
-        )
-
-    def _stamps(self, stamp_ns: Int) -> Int:
-        """The stamps that the driver writes, strictly increasing, shape (N,). [ns]"""
-        sigma = self._config.sensors.stamp_jitter / NANOSECOND
-        if not self._config.stamp_jitter or sigma == 0:
-            return stamp_ns
-        bound = min(JITTER_SPREAD * sigma, MAX_JITTER * self._period_ns)
-        error = np.clip(sigma * self._stamp.standard_normal(len(stamp_ns)), -bound, bound)
-        return stamp_ns + np.rint(error).astype(np.int64)
-
-    def _positions(self, joint_position: Float) -> Float:
-        """Positions in steps of the encoders, joint side, shape (N, n). [rad]"""
-        if not self._config.encoder:
-            return joint_position
-        step = TURN / self._config.sensors.encoder_counts
-        motor = self._drivetrain.motor_velocity_from_joint(joint_position)
-        return self._drivetrain.joint_velocity_from_motor(np.rint(motor / step) * step)
+        if on.stamp_jitter and (sigma := sensors.stamp_jitter / NANOSECOND):
+            bound = min(JITTER_SPREAD * sigma, MAX_JITTER * self._period_ns)
+            error = np.clip(sigma * self._stamp.standard_normal(len(stamp_ns)), -bound, bound)
+            stamp_ns = stamp_ns + np.rint(error).astype(np.int64)
+        if on.encoder:
+            step = TURN / sensors.encoder_counts
+            counts = np.rint(chain.motor_velocity_from_joint(position) / step)
+            position = chain.joint_velocity_from_motor(counts * step)
+        return RigJoints(stamp_ns, position, velocity, torque, power)
 
 
 class TemperatureSensor:
@@ -239,20 +223,17 @@ class GridMeter:
         if len(index):
             self._last = float(counter[-1])
         row = np.clip(np.searchsorted(edge, since, side="right") - 1, 0, len(grid_power) - 1)
-        block = self._reading(since, grid_power[row], counter, counter - before)
-        # At index 0 the first interval only begins.
-        return block[index > 0] if self._meaning is not MeterMeaning.INSTANTANEOUS else block
-
-    def _reading(self, since: Int, power: Float, counter: Float, used: Float) -> MeterBlock:
-        unknown = np.full(len(since), np.nan)
-        interval, energy = unknown, unknown
+        interval = noted = unknown = np.full(len(since), np.nan)
+        power = grid_power[row]
         if self._meaning is MeterMeaning.CUMULATIVE:
-            power, energy = unknown, counter * self.gain
+            power, noted = unknown, counter * self.gain
         else:
             if self._meaning is MeterMeaning.MEAN_OVER_INTERVAL:
                 interval = np.full(len(since), self._period_ns * NANOSECOND)
-                power = used / interval
+                power = (counter - before) / interval
             noise = 1.0 + self._noise * self._random.standard_normal(len(since))
             power = power * self.gain * noise
         stamp_ns = since + self._start_ns
-        return MeterBlock(stamp_ns, power, energy, interval, self._meaning, MeterLocation.GRID)
+        block = MeterBlock(stamp_ns, power, noted, interval, self._meaning, MeterLocation.GRID)
+        # At index 0 the first interval only begins.
+        return block[index > 0] if self._meaning is not MeterMeaning.INSTANTANEOUS else block

@@ -31,8 +31,7 @@ from robot_energy.timeline.blocks import (
     sum_over_joints,
 )
 from robot_energy_plan.motion import JointMotion, Trajectory
-from robot_energy_rig.config import RigConfig
-from robot_energy_rig.output import RigJoints, RigOutput, Truth
+from robot_energy_rig.config import RigConfig, RigJoints, RigOutput, Truth
 from robot_energy_rig.plant import (
     DriveFlows,
     Fan,
@@ -107,10 +106,22 @@ class VirtualRig:
     ) -> None:
         config = config or RigConfig()
         device = seed if device_seed is None else device_seed
-        start = _start(profile, program, start_temperature_degc, ambient_degc, rate_hz)
-        gears = start
-        if start_gear_degc is not None:
-            gears = _start(profile, program, start_gear_degc, ambient_degc, rate_hz)
+        if program.n_joints != profile.n_joints:
+            raise RigError(
+                f"the program moves {program.n_joints} joints", f"{profile.n_joints} as the profile"
+            )
+        if not 1 <= rate_hz <= 10_000:
+            raise RigError(f"the rate is {rate_hz} Hz", "1 to 10000 Hz")
+        if start_gear_degc is None:
+            start_gear_degc = start_temperature_degc
+        start, gears, _ = (
+            _temperatures(name, values, profile.n_joints)
+            for name, values in (
+                ("start temperature", start_temperature_degc),
+                ("start temperature of the gears", start_gear_degc),
+                ("ambient", ambient_degc),
+            )
+        )
         self.profile = profile
         self.samples = 0
         self.seed = seed
@@ -119,7 +130,14 @@ class VirtualRig:
         self.joint_names = self._robot.joint_names
         self._start_ns = int(start_stamp_ns)
         self._period_ns = round(1.0 / (rate_hz * NANOSECOND))
-        self._block = _block_samples(profile, config, self.period)
+        allowed = longest_step(profile) / (self.period * config.thermal_speedup)
+        if config.warming and allowed < 1:
+            raise RigError(
+                f"thermal_speedup is {config.thermal_speedup:g}",
+                f"at most {longest_step(profile) / self.period:.4g} at this rate",
+                "reduce it: temperatures would run ahead of the samples",
+            )
+        self._block = max(1, int(min(allowed, round(BLOCK / self.period))))
         self._warming = config.warming
         self._friction = PlantFriction(profile, config, self.period)
         self._drives = PlantDrives(profile, config)
@@ -194,14 +212,18 @@ class VirtualRig:
         truth: list[Truth] = []
         left = n_samples
         while left:
-            if self._ready is None:
-                self._ready = self._compute(left)
-            ready = self._ready
-            used = min(left, len(ready[0]))
-            joints.append(ready[0][slice(0, used)])
-            truth.append(ready[1][slice(0, used)])
+            if self._ready is None:  # as many blocks as hold the samples wanted
+                blocks = [self._advance() for _ in range(-(-left // self._block))]
+                plant = Truth.concatenate([block[0] for block in blocks])
+                motors = Trajectory.concatenate([block[1] for block in blocks])
+                torque = np.concatenate([block[2] for block in blocks])
+                self._ready = self._joint_sensors.read(plant, motors, torque), plant
+            read, plant = self._ready
+            used = min(left, len(read))
+            joints.append(read[slice(0, used)])
+            truth.append(plant[slice(0, used)])
             rest = slice(used, None)
-            self._ready = (ready[0][rest], ready[1][rest]) if used < len(ready[0]) else None
+            self._ready = (read[rest], plant[rest]) if used < len(read) else None
             left -= used
         self.samples += n_samples
         temperatures, self._temperatures = self._due(self._temperatures)
@@ -215,14 +237,6 @@ class VirtualRig:
             return None, None
         due = int(np.searchsorted(waiting.stamp_ns, self.stamp_ns - self._period_ns, "right"))
         return waiting[slice(0, due)] if due else None, waiting[slice(due, None)]
-
-    def _compute(self, wanted: int) -> tuple[RigJoints, Truth]:
-        """Advance by so many blocks that there are at least the samples wanted."""
-        blocks = [self._advance() for _ in range(-(-wanted // self._block))]
-        truth = Truth.concatenate([block[0] for block in blocks])
-        motors = Trajectory.concatenate([block[1] for block in blocks])
-        torque = np.concatenate([block[2] for block in blocks])
-        return self._joint_sensors.read(truth, motors, torque), truth
 
     def _advance(self) -> tuple[Truth, Trajectory, Float]:
         """Advance by one block; what happens, how the motors move, and the torque reported."""
@@ -336,41 +350,12 @@ def _joined(waiting: Waiting | None, more: Waiting) -> Waiting:
     return more if waiting is None else type(more).concatenate([waiting, more])
 
 
-def _start(
-    profile: PlantProfile,
-    program: JointMotion,
-    start_temperature_degc: float | Float,
-    ambient_degc: float,
-    rate_hz: float,
-) -> Float:
-    """Check the arguments and return the start temperatures, shape (n,). [degC]"""
-    if program.n_joints != profile.n_joints:
-        raise RigError(
-            f"the program moves {program.n_joints} joints", f"{profile.n_joints} as the profile"
-        )
-    if not 1 <= rate_hz <= 10_000:
-        raise RigError(f"the rate is {rate_hz} Hz", "1 to 10000 Hz")
-    given = np.asarray(start_temperature_degc, dtype=np.float64)
-    if given.shape not in ((), (profile.n_joints,)):
-        raise RigError(
-            f"the start temperatures have shape {given.shape}",
-            f"one value or {profile.n_joints}",
-        )
-    start = np.array(np.broadcast_to(given, profile.n_joints))
+def _temperatures(name: str, given: float | Float, n_joints: int) -> Float:
+    """Check temperatures and return one for each joint, shape (n,). [degC]"""
+    degc = np.asarray(given, dtype=np.float64)
+    if degc.shape not in ((), (n_joints,)):
+        raise RigError(f"the {name} has shape {degc.shape}", f"one value or {n_joints}")
     low, high = PLAUSIBLE_DEGC
-    for name, values in (("start temperature", start), ("ambient", np.array([ambient_degc]))):
-        if not ((values >= low) & (values <= high)).all():
-            raise RigError(f"the {name} is {values.tolist()} degC", f"{low:g} to {high:g} degC")
-    return start
-
-
-def _block_samples(profile: PlantProfile, config: RigConfig, period: float) -> int:
-    wanted = round(BLOCK / period)
-    allowed = longest_step(profile) / (period * config.thermal_speedup)
-    if config.warming and allowed < 1:
-        raise RigError(
-            f"thermal_speedup is {config.thermal_speedup:g}",
-            f"at most {longest_step(profile) / period:.4g} at this rate",
-            "reduce it: temperatures would run ahead of the samples",
-        )
-    return max(1, min(wanted, int(min(allowed, wanted))))
+    if not ((degc >= low) & (degc <= high)).all():
+        raise RigError(f"the {name} is {degc.tolist()} degC", f"{low:g} to {high:g} degC")
+    return np.array(np.broadcast_to(degc, n_joints))

@@ -35,9 +35,16 @@ from robot_energy_papers.experiment import (
     TOOL,
     MotionSet,
 )
-from robot_energy_papers.held_out import held_out
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
-from robot_energy_papers.models import FIXED_DEGC, FOLLOWS, fixed_name, identify, without_knowledge
+from robot_energy_papers.job_pool import StudyRun, job_pool
+from robot_energy_papers.models import (
+    FIXED_DEGC,
+    FOLLOWS,
+    fixed_name,
+    held_out,
+    identify,
+    with_values,
+    without_knowledge,
+)
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.soaked_rigs import PlantRow, error_spreads
 from robot_energy_plan.motion import MotionLimits, Program, random_program, tool_above
@@ -61,10 +68,7 @@ class IndependentStudySize(Described):
     """How much is done."""
 
     plants: int
-    train: Annotated[
-        tuple[float, ...],
-        "When sets for identification are recorded, as shares of the rise of the windings.",
-    ]
+    train: Annotated[tuple[float, ...], "When sets are recorded, shares of the rise of windings."]
     test: tuple[float, ...]
     moves: int
 
@@ -76,13 +80,9 @@ QUICK = IndependentStudySize(2, (0.0, 0.5, 1.0), (0.3, 0.9), 12)
 class IndependentRow(PlantRow):
     """One plant of the second simulator."""
 
-    robot_degc: Annotated[
-        tuple[float, ...], "Mean motor temperature of each held-out set. [degC]"
-    ] = ()
+    robot_degc: Annotated[tuple[float, ...], "Mean of the motors in each held-out set. [degC]"] = ()
     mean_power: Annotated[tuple[float, ...], "Measured in each. [W]"] = ()
-    imbalance: Annotated[
-        float, "Greatest difference of the energies of the simulation, relative. [-]"
-    ] = 0.0
+    imbalance: Annotated[float, "Greatest imbalance of the simulation, relative. [-]"] = 0.0
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,7 @@ def study(options: StudyRun, scale: IndependentStudySize) -> Independent:
     """Return what the whole study finds."""
     require("mujoco", "the second simulator")
     first = 1000 * options.seed + 1
-    steps = Steps(scale.plants, options.progress)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, scale.plants) as run:
         jobs = [run(independent_row, first + number, scale) for number in range(scale.plants)]
         return Independent(options.seed, scale, [job.result() for job in jobs])
 
@@ -108,12 +107,7 @@ def published(robot: DrawnRobot) -> RobotModel:
     """Return what is published of a robot: bodies that are off, gears, rotors, the test weight."""
     model = without_knowledge(load(BODY))
     joints = [
-        joint.model_copy(
-            update={
-                "gear_ratio": joint.gear_ratio.model_copy(update={"value": float(ratio)}),
-                "rotor_inertia": joint.rotor_inertia.model_copy(update={"value": float(inertia)}),
-            }
-        )
+        with_values(joint, gear_ratio=float(ratio), rotor_inertia=float(inertia))
         for joint, ratio, inertia in zip(
             model.joints, robot.arm.gear_ratio, robot.plate_inertia, strict=True
         )
@@ -127,9 +121,7 @@ class Experiment(Described):
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
-    imbalance: Annotated[
-        float, "Greatest difference of the energies of the simulation, relative. [-]"
-    ]
+    imbalance: Annotated[float, "Greatest imbalance of the simulation, relative. [-]"]
 
 
 def independent_row(plant_seed: int, scale: IndependentStudySize) -> IndependentRow:

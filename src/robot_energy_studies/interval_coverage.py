@@ -32,6 +32,7 @@ from robot_energy_identify.dynamics.dynamics_model import with_link_parameters
 from robot_energy_identify.run_all import FullIdentification, identify_everything
 from robot_energy_identify.stats.systematic import ROOT3, SensorLimits
 from robot_energy_identify.steps import DynamicsFound
+from robot_energy_papers.models import with_values
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy_rig.record import record
@@ -77,9 +78,7 @@ class IntervalCoverage(Described):
     repetitions: int
     share: Annotated[float, "Of the intervals that hold the truth. [-]"]
     half_width: Annotated[float, "Median of half the interval over the truth. [-]"]
-    deviations: Annotated[
-        float, "Root mean square of the error in standard deviations; 1 if these are right. [-]"
-    ]
+    deviations: Annotated[float, "RMS of the error in standard deviations; 1: as stated. [-]"]
 
 
 class DrawnPlant(Described):
@@ -87,9 +86,7 @@ class DrawnPlant(Described):
 
     profile: PlantProfile
     config: RigConfig
-    seed: Annotated[
-        int, "Of motions, noise, constant errors and of the errors of the model to begin with."
-    ]
+    seed: Annotated[int, "Of motions, noise, constant errors and errors of the first model."]
 
     @classmethod
     def of(cls, robot: str, seed: int, hard: bool) -> DrawnPlant:
@@ -118,13 +115,7 @@ class DrawnPlant(Described):
         wrong = links * np.exp(WRONG_BODIES * random.standard_normal((len(links), 1)))
         factors = np.exp(WRONG_ROTORS * random.standard_normal(len(model.joints)))
         joints = [
-            joint.model_copy(
-                update={
-                    "rotor_inertia": joint.rotor_inertia.model_copy(
-                        update={"value": joint.rotor_inertia.value * float(factor)}
-                    )
-                }
-            )
+            with_values(joint, rotor_inertia=joint.rotor_inertia.value * float(factor))
             for joint, factor in zip(model.joints, factors, strict=True)
         ]
         xml = with_link_parameters(model.urdf_xml, model.joint_names, wrong.ravel())

@@ -18,25 +18,129 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.model import RobotModel
+from robot_energy.timeline.blocks import Float
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_plan.motion.ptp import MotionLimits
-from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
-from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy_plan.optimization.measures import Optimum, optimise
-from robot_energy_plan.optimization.plan import CostTable, CyclePlan
-from robot_energy_plan.optimization.search import cheapest
-from robot_energy_plan.optimization.task import ProgramMoves, Task, make_task
-from robot_energy_rig import RigConfig, random_profile
-from robot_energy_studies.band_coverage import BODY, DrawnRig, Recorded
-from robot_energy_studies.judged_savings import (
-    RATE,
-    UNCHANGED,
-    DrawnWork,
-    JudgedChoice,
-    JudgedSaving,
-    PlantAtWork,
+from robot_energy_plan.optimization.chain import (
+    TORQUE_SHARE,
+    Candidates,
+    PowerChain,
+    PtpMoves,
+    Use,
+    grid,
 )
+from robot_energy_plan.optimization.measures import Optimum, optimise
+from robot_energy_plan.optimization.search import Cost, CostTable, CyclePlan, cheapest, saving
+from robot_energy_plan.optimization.task import ProgramMoves, Task, make_task
+from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
+from robot_energy_studies.band_coverage import AMBIENT, BODY, DrawnRig, Recorded
+
+RATE = 250.0  # Hz
+
+
+class JudgedClaim:
+    """A claim with its band, and the truth; a base of dataclasses with these three fields. [J]"""
+
+    claim: float
+    half: float
+    truth: float
+
+    @property
+    def claimed(self) -> bool:
+        """Whether the tool claims it."""
+        return self.claim > self.half > 0
+
+    @property
+    def inside(self) -> bool:
+        """Whether the band holds the truth."""
+        return abs(self.truth - self.claim) <= self.half
+
+
+class JudgedSaving(Described, JudgedClaim):
+    """One change of one program at one temperature."""
+
+    plant: int
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
+    measure: str
+    base: Annotated[float, "Energy of a cycle on the rig as it was. [J]"]
+    claim: Annotated[float, "Saving that the model predicts. [J]"]
+    half: Annotated[float, "Half width of its 90 % band. [J]"]
+    truth: Annotated[float, "Saving on the rig. [J]"]
+    faster: Annotated[float, "Time that a cycle lasts less. [s]"]
+    standing: Annotated[float, "Share of losses at rest in the energy, by the model. [-]"]
+
+
+class JudgedChoice(Described):
+    """The choice of the model against the best that the rig itself allows."""
+
+    plant: int
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
+    free: Annotated[bool, "Whether cycles follow each other at once."]
+    chosen: Annotated[float, "Energy on the rig of what the model chose. [J]"]
+    best: Annotated[float, "Least energy on the rig, of every combination. [J]"]
+
+    @property
+    def regret(self) -> float:
+        """What the choice costs more. [-]"""
+        return self.chosen / self.best - 1.0
+
+
+class PlantAtWork:
+    """A plant that runs programs at one temperature.
+
+    Args:
+        degc: Of motors and gears. [degC]
+        cycles: Run in turn, of which the last one counts: rests begin as motions left them.
+    """
+
+    def __init__(
+        self, profile: PlantProfile, degc: float, config: RigConfig | None = None, cycles: int = 1
+    ) -> None:
+        self._profile, self._degc, self._cycles = profile, degc, cycles
+        self._config = (config or RigConfig.hard()).without("warming")
+
+    def power(self, program: Program) -> Float:
+        """Return the power from the grid over one cycle, shape (N,). [W]"""
+        rig = VirtualRig(self._profile, program, self._config, 0, self._degc, AMBIENT, rate_hz=RATE)
+        count = max(1, round(program.period * RATE))
+        return rig.step(self._cycles * count).truth.grid_power[-count:]
+
+    def energy(self, program: Program) -> float:
+        """Return the energy of one cycle from the grid. [J]"""
+        return float(self.power(program).mean()) * program.period
+
+
+class DrawnWork(Described):
+    """One program of one plant at one temperature."""
+
+    plant: int
+    degc: Annotated[float, "Temperature of motors and gears. [degC]"]
+    program: Program
+    limits: MotionLimits
+    rig: PlantAtWork
+
+    def judged(
+        self,
+        measure: str,
+        base: float,
+        before: Cost,
+        after: Cost,
+        changed: Program,
+        standing: float,
+    ) -> JudgedSaving:
+        """Return what is claimed of a changed program, and what the rig saves with it.
+
+        Args:
+            base: Energy of a cycle on the rig as it was. [J]
+            standing: Share of losses at rest in the energy, by the model. [-]
+        """
+        truth, claim = base - self.rig.energy(changed), saving(before, after)
+        return JudgedSaving(
+            self.plant, self.degc, measure, base, claim.energy, claim.half, truth,
+            before.duration - after.duration, standing,
+        )  # fmt: skip
+
 
 MOVES = 8  # of a program
 WAITING = (3.0, 8.0)  # s of a cycle, where waits are judged
@@ -52,7 +156,6 @@ class SavingsStudySize(Described):
     temperatures: Annotated[tuple[float, ...], "Of motors and gears. [degC]"]
     programs: int
     brute: Annotated[bool, "Whether the best choice on the rig is looked for."]
-    limits: int
     waits: Annotated[
         bool,
         "Whether only cycles with 3 to 8 s of waiting are judged. Joints of every second plant "
@@ -90,19 +193,13 @@ def judge_plant(
             for cycle_time in (None, stretch * program.period):
                 task = task_of(model, program, limits, degc, cycle_time)
                 savings += _savings(work, task)
-                if cycle_time is None:
-                    savings.append(_unchanged(work, task))
             if scale.brute:
                 choices += _choices(work, model, stretch)
     return savings, choices
 
 
 def task_of(
-    model: RobotModel,
-    program: Program,
-    limits: MotionLimits,
-    degc: float,
-    cycle_time: float | None,
+    model: RobotModel, program: Program, limits: MotionLimits, degc: float, cycle_time: float | None
 ) -> Task:
     """Return the task to make a program cheaper.
 
@@ -146,15 +243,6 @@ def _savings(work: DrawnWork, task: Task) -> list[JudgedSaving]:
         changed = run_as(found.task, plan, work.program, work.limits)
         rows.append(work.judged(name, base, found.base, after, changed, standing))
     return rows
-
-
-def _unchanged(work: DrawnWork, task: Task) -> JudgedSaving:
-    """The control: the program goes through the optimiser as it is, is read again, and run."""
-    same = run_as(task, task.base, work.program, work.limits)
-    again = task_of(task.chain.model, same, work.limits, work.degc, None)
-    before, after = (one.table.cost(one.base) for one in (task, again))
-    base = work.rig.energy(work.program)
-    return work.judged(UNCHANGED, base, before, after, same, 0.0)
 
 
 def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedChoice]:

@@ -37,7 +37,7 @@ from robot_energy_plan.optimization.rest_states import ASSUMED, rest_cost
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_rig.record import record
 from robot_energy_studies.band_coverage import AMBIENT, BODY, TRAINING, DrawnRig, Recorded
-from robot_energy_studies.judged_savings import JudgedClaim
+from robot_energy_studies.savings_study import JudgedClaim
 
 COLD = 24.0  # degC
 SPEEDUP = 120.0  # of warming

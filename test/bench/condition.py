@@ -20,8 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from robot_energy.timeline.blocks import Learning
 from robot_energy_rig import RigConfig, load_profile, random_profile
-from robot_energy_studies.learning_study import learning_study
-from robot_energy_studies.wear_shift import Shift, detection
+from robot_energy_studies.learning_study import Shift, detection, learning_study
 from wear_study import FoundRow, SimulatedRow, meter_only, simulated
 
 LAST = 10  # minutes over which the error at the end is taken

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion.gcode import GcodeProgram, gcode_text, read_gcode
-from robot_energy_plan.motion.tool_path import Dwell, LineSegment
+from robot_energy_plan.motion.tool_corners import Dwell, LineSegment
 
 CHORD, TURN = 0.02, 1.0  # mm and deg of an arc's pieces
 STATED = re.compile(

@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_plan.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
-from robot_energy_rig.output import RigOutput
+from robot_energy_rig.config import RigOutput
 from robot_energy_rig.record import outputs, record
 from robot_energy_studies.learning_study import joint_block
 
@@ -34,6 +35,7 @@ STARTED, OFF = 38.0, 8.0  # degC of motors, K of their gears above them
 SPAN = 300.0  # s of a window
 GEARS = (0.4, 1.0, 2.5)  # heat capacity of the gears over that drawn
 BODIES = ("kr16", "ur10e", "irb4600")
+PROGRAMS = range(7)  # numbers of those that a plant works
 
 
 @dataclass(frozen=True)
@@ -196,10 +198,17 @@ def judged(
 
 
 def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterator[WarmRun]:
-    """Yield every run of every plant with every model."""
+    """Yield every run of every plant with every model, robots in turn; some have no program."""
     for number, seed in enumerate(plants):
         gears = GEARS[(number // 2) % len(GEARS)]
-        plant = WarmPlant(folder, BODIES[number % len(BODIES)], seed, gears, config)
+        body = BODIES[number % len(BODIES)]
+        try:
+            plant = WarmPlant(folder, body, seed, gears, config)
+            for program in PROGRAMS:
+                plant.program(program, 0.0, 1.0)
+        except MotionError as error:
+            print(f"{body} {seed} is left out: {error}", flush=True)
+            continue
         models = plant.models()
         for run, pieces in plant.runs():
             for name, model in models.items():

@@ -87,11 +87,31 @@ def test_the_table_is_the_registers(opened, recording):
     shown = opened.values("registers")
     assert float(shown["from the grid, predicted"][0]) == account.registers.cabinet("grid_import")
     assert float(shown["at the meter, measured"][0]) == account.comparison.measured_energy
+    assert float(shown["at the meter, predicted"][0]) == account.comparison.predicted_energy
     assert float(shown["brake resistor"][0]) == account.registers.cabinet("brake")
     joints = opened.values("shaft")
     friction = account.registers.joints("friction")
     for place, name in enumerate(recording[1].model.joint_names):
         assert float(joints[name][1]) == friction[place]
+
+
+@pytest.mark.parametrize(
+    ("at_meter", "shown"), [(float("nan"), ""), (3_300.0, "; -8.3 % against the meter")]
+)
+def test_no_error_is_shown_while_the_prediction_at_the_meter_is_not_known(
+    window, tmp_path, at_meter, shown
+):
+    hub = PageHub("", PageSettings(), live=False)
+    robot = hub.robot("r")
+    robot.take_power(power_states([1.0], [100.0]), 0.0)
+    values = {"measured_energy": 3600.0, "predicted_energy_at_meter": at_meter}
+    robot.take_registers(registers(3600.0, **values))
+    hub.tick(0.0)
+    path = tmp_path / "page.html"
+    path.write_text(saved_page(hub.state(0.0)), encoding="utf-8")
+    window.open(path.as_uri())
+    window.wait("document.getElementById('energy').textContent !== ''", "the energy")
+    assert window.text("energy-note").partition(";")[2] == shown.removeprefix(";")
 
 
 def test_the_headline(opened, recording):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
-from robot_energy.physics.cabinet import CabinetStage
+from robot_energy.physics.drives_and_cabinet import CabinetStage
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.prediction import predict
 from robot_energy_plan.results.prediction import prediction_report

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +17,19 @@ from places import ROOT
 from plants import LIMITS, two_link_profile
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
+from robot_energy.replay.api import replay as replayed
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
 from robot_energy_identify import refused_recordings
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import Finding
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.refused_recordings import notes_on_torque, refuse_torque, torque_evidence
+from robot_energy_identify.refused_recordings import (
+    notes_on_torque,
+    refuse_motion,
+    refuse_torque,
+    torque_evidence,
+)
 from robot_energy_plan.motion import Program
 from robot_energy_rig import RigConfig, VirtualRig
 from robot_energy_rig.record import record
@@ -142,7 +149,7 @@ def test_bodies_that_are_a_guess_leave_a_note(bag: Path, tmp_path: Path) -> None
     assert "of a gear ratio 2 times the model's" in str(json.loads(out.read_text())["notes"])
 
 
-GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0, float("nan"))
+GEAR = Finding("gear_ratio", "error", ("elbow",), "the gear", 2.0)
 
 
 @pytest.mark.parametrize(
@@ -216,6 +223,45 @@ def test_what_does_not_fit_in_a_test_recording_is_a_note(bag: Path, tmp_path: Pa
     assert note.startswith("in the test: ")
     assert "the torque of all joints is 1.41 times" in note
     assert notes(1.0, "assumed") == ()
+
+
+@pytest.mark.parametrize("subject", ["all", "dynamics", "friction", "cabinet", "drives"])
+@pytest.mark.parametrize(
+    ("factor", "cause"),
+    [
+        (0.0, "the velocity of shoulder stays 0 while its positions move"),
+        (-1.0, "the velocity of shoulder has the opposite sign"),
+        (180 / np.pi, "one of them is in degrees"),
+    ],
+)
+def test_velocities_that_are_not_the_change_of_the_positions(
+    bag: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    subject: str,
+    factor: float,
+    cause: str,
+) -> None:
+    """In one recording of two: each figure would take it up, and the model read much too low."""
+    other = rewrite(bag, tmp_path / "other", scaled(("velocity",), factor))
+    effort = [] if subject == "cabinet" else ["--effort", "motor_torque"]
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    said = run(tmp_path, capsys, subject, str(bag), str(other), "--model", path, *effort)
+    assert "robot-energy: other: " in said
+    assert cause in said
+    assert "joint_states: {velocity" in said
+
+
+def test_readings_that_are_refused_are_named(bag: Path, tmp_path: Path) -> None:
+    def unknown(message: Any) -> None:
+        message.meaning = 0
+
+    other = rewrite(bag, tmp_path / "other", None, unknown)
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    assert "other: of 299 messages of the power meter 299 unknown_meaning were refused" in note
+    assert note in "; ".join(f"other: {one}" for one in replayed(other, path).report.notes)
+    assert not refuse_motion(read_recording(bag, load(path), EffortMeaning.NONE))
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(

@@ -28,7 +28,7 @@ MODULES = {
         writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store schema types walk
+        decode encode lazy_store schema types walk
     """,
     "robot_energy.certainty": """
         band_calibration deviation energy_calibration figure_deviations
@@ -65,7 +65,7 @@ MODULES = {
         auxiliary drive_models figure friction_laws joint load payload schema
     """,
     "robot_energy.physics": """
-        cabinet counterbalance derivative drive drivetrain effort electrical_power
+        counterbalance derivative drives_and_cabinet drivetrain effort electrical_power
         equations friction hold_torque motor_heat pinocchio_model rigid_body
         torque_limits
     """,
@@ -90,19 +90,17 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        advise check command commands export fleet_identify fleet_report fleet_run history
-        history_output identify_all identify_drives identify_dynamics identify_excitation
-        identify_friction identify_inputs identify_metered identify_thermal import_logs info kinds
-        layouts listings main model_reference models monitoring optimize predict replay
-        replay_arguments report result_schema shared_bus simulate stopping terminal test
-        tool_options
+        check command commands dashboards export fleet history identify identify_drives
+        identify_dynamics identify_excitation identify_inputs import_logs info listings
+        main model_reference models motions replay replay_arguments report result_schema
+        simulate terminal test
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
         merged_laws options report sisters tables
     """,
     "robot_energy_fleet.advice": """
-        advise claims dataset_evidence evidence
+        advise claims evidence
     """,
     "robot_energy_fleet.documents": """
         advice fleet
@@ -111,18 +109,15 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files jobs notes outputs queries readings rollup rows savings
-        schema store tariffs use
+        api bags check differences files outputs queries readings rollup rows savings
+        store tariffs use
     """,
     "robot_energy_identify": """
-        blas_threads bounds friction_and_thermal options plausibility provenance
+        auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
         refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
-    """,
-    "robot_energy_identify.auxiliary": """
-        readings states
     """,
     "robot_energy_identify.cabinet": """
         cabinet dc_link fan levels link_errors link_readings phase_readings supply
@@ -139,7 +134,7 @@ MODULES = {
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
-        sufficiency torque_model validation
+        torque_model validation
     """,
     "robot_energy_identify.excitation": """
         excitation limits
@@ -148,66 +143,62 @@ MODULES = {
         apart friction further_terms held_out hold laws samples shared_shape temperature_study
     """,
     "robot_energy_identify.results": """
-        check drives dynamics evaluation identification
+        dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
         actuators arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic torque_errors
+        cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
     """,
     "robot_energy_logs": """
-        cells columns instants log_formats log_import mapping recording rows table
-        text_table ur_rtde
+        columns instants log_formats log_import mapping recording rows table text_table ur_rtde
     """,
     "robot_energy_papers": """
-        calibration drawings drive_study experiment held_out job_pool machines mantis
-        map_sensitivity models pages paper_a paper_a_page paper_b paper_b_page sensitivity
-        soaked_rigs wall wall_sensitivity
+        calibration drawings drive_study experiment job_pool machines mantis models pages paper_a
+        paper_a_page paper_b paper_b_page sensitivity soaked_rigs wall wall_sensitivity
     """,
     "robot_energy_papers.cli": """
         reproduce
     """,
     "robot_energy_plan": """
-        consecutive options prediction shared_bus
+        options prediction shared_bus
     """,
     "robot_energy_plan.api": """
         optimize predict shared_bus
     """,
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
-        joint_trajectory load_motion planar planned ptp ptp_file ptp_loop sampled_motion
-        sequence slicing tool_corners tool_motion tool_path tool_timing trajectory_io
+        joint_trajectory load_motion planar planned ptp ptp_file sampled_motion slicing tool_corners
+        tool_motion
     """,
     "robot_energy_plan.optimization": """
-        candidates chain comparison deviations forms gcode_form levelling measures plan
-        program_form rest_states search task time_law timed_moves trajectory_form
+        chain comparison deviations gcode_form measures program_form rest_states search task
+        time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
-        common_supply optimization prediction shared_bus
+        optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month html identification identify_all jobs layout model notebook optimization
-        prediction printing recordings repeats replay replay_figures
-    """,
-    "robot_energy_report.layouts": """
-        plots viewers
+        canvas document drives dynamics energy evaluation formats headline held_out
+        history_month history_tables html identification identify_all jobs layout layouts
+        model notebook optimization prediction printing recordings repeats replay
+        replay_figures
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics phase_totals recording robot_state saved_page
+        access alarms energy_flow headless_browser history history_figures history_view hub
+        json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """
-        config output plant profile record sensors virtual_rig
+        config plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
-        band_coverage certainty ecbot generated_fleet independent interval_coverage judged_savings
-        learning_study savings savings_study thermal_study wear_shift
+        band_coverage certainty ecbot generated_fleet independent interval_coverage learning_study
+        savings savings_study thermal_study
     """,
     "robot_energy_studies.simulator": """
         arm cabinet drawn gear_friction heat motors recording robots

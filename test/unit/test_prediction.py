@@ -202,6 +202,23 @@ def test_the_use_of_limits_as_worked_out_by_hand():
     assert "of its torque limit" in problems[2]
 
 
+def test_times_in_milliseconds_are_asked_about():
+    def asked(speed):
+        bounds = (np.full(2, -9.0), np.full(2, 9.0), np.full(2, speed), np.full(2, 2.0))
+        program = Program(np.array([[0.0, 0.0], [0.1, 0.0]]), MotionLimits(*bounds), 0.1)
+        motion = SampledMotion(program, ("shoulder", "elbow"), program.period)
+        notes = prediction_report(predict(two_link(), motion, 25.0)).notes
+        return [one for one in notes if one.endswith("are the times of the motion in seconds?")]
+
+    (note,) = asked(0.01)  # of 4 rad/s
+    assert note.startswith("no joint is faster than 0.25 % of its speed limit")
+    assert not asked(1.0)
+    assert not any(
+        "in seconds?" in one
+        for one in prediction_report(predict(two_link(), _rest(1.0), 25.0)).notes
+    )
+
+
 def test_temperatures_that_no_law_covers_are_said():
     """The shoulder was fitted from 20 to 80 degC; the elbow has one value for all."""
     result = predict(two_link(), _rest(1.0), [10.0, 30.0])

@@ -36,7 +36,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import NANOSECOND
 from ros2_energy_monitor.diagnostics.topic_publishers import TopicPublishers
@@ -275,8 +275,8 @@ class Inbox:
         self._depth = qos.depth
         self._arrived_ns: int | None = None
         self._unheard_ns: int | None = None  # the first time that `_revival` does not know
-        # Messages, their numbers as their publishers count, when the middleware received them [ns].
-        self._queue: deque[tuple[bytes, int | None, int]] = deque(maxlen=qos.depth)
+        # Messages, with what the middleware says of them.
+        self._queue: deque[tuple[bytes, dict[str, Any]]] = deque(maxlen=qos.depth)
         self._sequences = MessageLossCounter(self.met)
         self._revival = None if renew_after is None else ResubscribePolicy(renew_after)
         self._met_before = 0  # publishers that earlier subscriptions have met
@@ -298,13 +298,17 @@ class Inbox:
             handle, take = self._subscription.handle, self._subscription.handle.take_message
             with suppress(InvalidHandle), handle:  # invalid while the node is being destroyed
                 while len(self._queue) < self._depth and (taken := take(self._type, True)):
-                    self._keep(*taken)
+                    self._queue.append(taken)
         if not self._queue:
             return None
-        messages, numbers, received_ns = zip(*self._queue, strict=True)
+        messages, numbers, received_ns = list[bytes](), list[Any](), list[int]()
+        for message, info in self._queue:
+            messages.append(message)
+            numbers.append(info.get("publication_sequence_number"))
+            received_ns.append(int(info.get("received_timestamp") or 0))
         self._queue.clear()
         if None not in numbers:  # else the middleware does not count
-            self._sequences.step(list(numbers))
+            self._sequences.step(numbers)
         self.received += len(messages)
         self.overflows += len(messages) >= self._depth
         self._arrived_ns = time.monotonic_ns()
@@ -403,8 +407,7 @@ class Inbox:
 
     def _keep(self, message: bytes, info: dict[str, Any]) -> None:
         """Queue a message, as the callback of the subscription where it has one."""
-        number = info.get("publication_sequence_number")
-        self._queue.append((message, number, int(info.get("received_timestamp") or 0)))
+        self._queue.append((message, info))
 
     def _fits(self) -> bool:
         """Try the internals of rclpy; a message that arrives meanwhile is kept."""
@@ -418,7 +421,7 @@ class Inbox:
             if taken is not None:
                 if not isinstance(taken[0], bytes):
                     return False
-                self._keep(*taken)
+                self._queue.append(taken)
         except (AttributeError, TypeError, IndexError, KeyError, NotImplementedError):
             return False
         return True

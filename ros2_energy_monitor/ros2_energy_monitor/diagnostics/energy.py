@@ -340,7 +340,7 @@ def energy_source(
         for name, watch in watches:
             watch.check(found, name)
         time, comparison = account.registers.time, account.comparison
-        residual = comparison.predicted_energy - comparison.measured_energy
+        residual = comparison.comparable_energy - comparison.measured_energy
         measured, response = comparison.measured_energy, comparison.response
         found.values |= {
             "coverage": time.coverage,
@@ -348,7 +348,7 @@ def energy_source(
             "gap_time_s": time.gap_ns * 1e-9,
             "gaps": time.gap_count,
             "comparison_time_s": comparison.compared_ns * 1e-9,
-            "residual_energy_j": residual if comparison.compared_ns else math.nan,
+            "residual_energy_j": residual,
             "residual_share": residual / abs(measured) if measured else math.nan,
             "residual_share_last_minute": comparison.minute.residual_share,
             "meter_time_constant_s": response.time_constant,

@@ -7,7 +7,7 @@ monitor learns a factor for each axis. Later the friction of axis 2 rises by 15 
 import numpy as np
 
 import robot_energy as re
-from robot_energy_plan.motion.ptp_loop import random_program
+from robot_energy_plan.motion.ptp import random_program
 from robot_energy_rig import VirtualRig, random_profile
 
 WORN_AFTER, RATE = 5, 10  # [h], [Hz]

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.sources import McapSource, Report
 from robot_energy.bag.sqlite_source import MAX_MESSAGE_BYTES, MAX_VALUE_BYTES, SqliteSource
 from robot_energy.foundation.errors import BagError

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info

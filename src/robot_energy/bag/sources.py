@@ -9,7 +9,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_file import McapFile
 from robot_energy.bag.mcap_records import LogTimes, McapChunk, Messages
 from robot_energy.foundation.units import SECOND_NS

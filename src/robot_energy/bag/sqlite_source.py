@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import (
     BATCH_BYTES,

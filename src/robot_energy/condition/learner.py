@@ -82,6 +82,7 @@ class ConditionLearner:
     Attributes:
         learns: Whether anything is learned.
         applies: Whether predictions use what was learned.
+        in_use: Whether predictions of this part differ from those of the model file.
         thermal: What estimates temperatures that no sensor measures.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
@@ -111,12 +112,7 @@ class ConditionLearner:
         self._readings: list[MeterBlock] = []  # since the last part
         self._begin_part()
         self._taught = (self.friction.table(), self.friction.valid)
-        self._use = self._figures()
-
-    @property
-    def in_use(self) -> bool:
-        """Whether predictions of this part differ from those of the model file."""
-        return self.applies and self._use.any
+        self._set_figures()
 
     def measure(self, block: MeterBlock) -> None:
         """Take readings of the meter."""
@@ -152,14 +148,12 @@ class ConditionLearner:
 
     def learned(
         self, motor_velocity: Float, motor_temperature_degc: Float
-    ) -> tuple[Float | float, float, float] | None:
+    ) -> tuple[Float | float, float, float]:
         """Return what counts in this part.
 
         Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
         """
         use = self._use
-        if not (self.applies and use.any):
-            return None
         factor: Float | float = 1.0
         if use.by_torque.any() or use.factor != 1.0:
             factor = self._multiplier(use, motor_velocity, motor_temperature_degc)
@@ -182,20 +176,12 @@ class ConditionLearner:
             if self._part is not None and part != self._part:
                 self._end_part()
             self._part = part
-            slot = block.stamp_ns[start:stop] // SLOT_NS
-            rows = differences(slot, self._slot).nonzero()[0]
-            self._slot, self._newest_ns = int(slot[-1]), int(block.stamp_ns[stop - 1])
-            self._stuck |= bool((block.quality[start:stop] & STUCK).any())
-            if len(rows):  # the first sample of each slot
-                self._open.append(block[rows + start])
+            self._open.append(block[slice(start, stop)] if starts else block)
 
     def _begin_part(self) -> None:
         """Keep nothing of the part so far."""
         self._part: int | None = None
         self._open: list[PowerBlock] = []
-        self._slot = -1  # of the newest sample
-        self._newest_ns = 0
-        self._stuck = False  # whether a thermometer was, at any sample
 
     def flush(self) -> None:
         """Learn from the part that has not ended, as at the end of a bag."""
@@ -225,7 +211,7 @@ class ConditionLearner:
         self.wear.restore(record.wear)
         self.end_ns = record.end_ns
         self._taught = (self.friction.table(), self.friction.valid)
-        self._use = self._figures()
+        self._set_figures()
 
     def restart(self) -> None:
         """Drop what waits, as after an error."""
@@ -234,8 +220,10 @@ class ConditionLearner:
     @np.errstate(invalid="ignore", over="ignore")
     def _end_part(self) -> None:
         """Learn from the samples of a part."""
-        samples, stuck = PowerBlock.concatenate(self._open), self._stuck
-        self.end_ns = self._newest_ns
+        samples = PowerBlock.concatenate(self._open)
+        stuck = bool((samples.quality & STUCK).any())  # whether a thermometer was, at any sample
+        self.end_ns = int(samples.stamp_ns[-1])
+        samples = samples[differences(samples.stamp_ns // SLOT_NS, -1).nonzero()[0]]
         self._begin_part()
         for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
             self._windows.measure(MeterBlock.concatenate(list(alike)))
@@ -257,7 +245,7 @@ class ConditionLearner:
             until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
             windows = self._windows.step(samples.stamp_ns, samples.segment, power, until)
             self._learn_from_meter(windows, samples.motor_temperature_degc[-1], stuck)
-        self._use = self._figures()
+        self._set_figures()
 
     def _learn_from_meter(
         self, windows: Iterator[Window], motor_temperature_degc: Float, stuck: bool
@@ -297,14 +285,15 @@ class ConditionLearner:
         known = interpolated(use.table, *self.reader.places(velocity, degc))
         return np.where(use.by_torque, known, use.factor)
 
-    def _figures(self) -> _InUse:
-        """What holds from now on."""
+    def _set_figures(self) -> None:
+        """Let what was learned hold from now on."""
         factor, offset = self.meter.filtered if self.meter.valid else (1.0, 0.0)
         table, by_torque = self._taught
-        return _InUse(
+        self._use = _InUse(
             table,
             by_torque,
             1.0 if by_torque.all() else factor,
             offset,
             self._windows.location is MeterLocation.DC_BUS,
         )
+        self.in_use = self.applies and self._use.any

@@ -60,6 +60,7 @@ class RegistersWriter:
         persisted: bool = False,
         minute_ns: int = 0,
         recording: bool = False,
+        ended: bool = False,
     ) -> NDArray[np.uint8] | None:
         """Return one serialised message, shape (1, size); None before the first sample.
 
@@ -67,12 +68,16 @@ class RegistersWriter:
             persisted: Whether they are on disk as they stand.
             minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
             recording: Whether they count a recording that is played.
+            ended: Whether nothing more comes: then both energies at the meter are as counted.
         """
         registers, comparison = account.registers, account.comparison
         time, start_ns, end_ns = registers.time, account.start_ns, account.end_ns
         if start_ns is None or end_ns is None:
             return None
         compared, sure = comparison.compared_ns > 0, account.energy_band
+        at_meter = (
+            comparison.predicted_energy if compared and ended else comparison.comparable_energy
+        )
         return self._encoders[recording].encode(
             {
                 **stamp_columns(np.array([end_ns])),
@@ -84,7 +89,7 @@ class RegistersWriter:
                 "predicted_energy_band": sure.half,
                 "band": np.uint8(sure.kind),
                 "measured_energy": comparison.measured_energy if compared else np.nan,
-                "predicted_energy_at_meter": comparison.predicted_energy if compared else np.nan,
+                "predicted_energy_at_meter": at_meter,
                 "brake_energy": registers.cabinet("brake"),
                 "loss_dc_energy": registers.cabinet("loss_dc"),
                 "loss_grid_energy": registers.cabinet("loss_grid"),

@@ -107,7 +107,7 @@ class DriveModel(Kind):
     Attributes:
         key: Of its entry at every joint of a model file; empty if it has none.
         entry: Schema of that entry.
-        physics: Makes a `robot_energy.physics.drive.Drive` of the entries of all joints.
+        physics: Makes a `robot_energy.physics.drives_and_cabinet.Drive` of all joints' entries.
         constant_loss: Loss of an entry that flows whether the drive moves or not. [W]
         lossless: Whether drive losses are missing from the energy.
         deviation: Makes a `robot_energy.certainty.figure_deviations.DriveDeviation` of the entries
@@ -150,7 +150,7 @@ DRIVE_MODELS = Kinds(
         name="ideal",
         label="ideal",
         line="electrical input is shaft power (paper A, eq. 6)",
-        physics=Part("robot_energy.physics.drive:ideal"),
+        physics=Part("robot_energy.physics.drives_and_cabinet:ideal"),
         lossless=True,
     ),
     DriveModel(
@@ -159,7 +159,7 @@ DRIVE_MODELS = Kinds(
         line="shaft power over the efficiency of the nearest measured torque and speed (paper B)",
         key="efficiency_map",
         entry=EfficiencyMap,
-        physics=Part("robot_energy.physics.drive:EfficiencyMaps"),
+        physics=Part("robot_energy.physics.drives_and_cabinet:EfficiencyMaps"),
         fitted=Part("robot_energy_identify.drives.efficiency_map:fitted_map"),
         way="map",
         in_identity=True,
@@ -170,7 +170,7 @@ DRIVE_MODELS = Kinds(
         line="shaft power plus constant, speed-dependent and copper losses",
         key="losses",
         entry=LossDrive,
-        physics=Part("robot_energy.physics.drive:LossModel"),
+        physics=Part("robot_energy.physics.drives_and_cabinet:LossModel"),
         deviation=Part("robot_energy.certainty.figure_deviations:loss_model_deviation"),
         loss_deviations=Part("robot_energy.certainty.figure_deviations:loss_model_deviations"),
         fitted=Part("robot_energy_identify.drives.losses:fitted_losses"),
@@ -190,7 +190,7 @@ DRIVE_MODELS = Kinds(
         line="shaft power plus losses over speed and torque, without an assumed form",
         key="loss_map",
         entry=LossMap,
-        physics=Part("robot_energy.physics.drive:LossMaps"),
+        physics=Part("robot_energy.physics.drives_and_cabinet:LossMaps"),
         fitted=Part("robot_energy_identify.drives.loss_map:fitted_loss_map"),
         constant_loss=lambda entry: entry.loss[0][0],
     ),

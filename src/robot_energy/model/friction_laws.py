@@ -24,11 +24,22 @@ class LawEntry(ModelEntry):
     law: Annotated[Any, "Name of the law; each entry narrows it to its own."]
 
 
-class ConstantLaw(LawEntry):
-    """Viscous friction that does not depend on temperature."""
+class ConstantLaw(LawEntry, LateEntry):
+    """Viscous friction that does not depend on temperature, or was seen at one alone."""
+
+    LATE = ("fitted_degc",)
 
     law: Annotated[Literal["constant"], "Name of the law."]
     viscous: Annotated[PositiveFigure, "fv, motor side. [N m s/rad]"]
+    fitted_degc: Annotated[
+        tuple[Number, Number] | None,
+        "Range of temperatures that it holds for, where identification saw one; without it all.",
+    ] = None
+
+    @model_validator(mode="after")
+    def _check(self) -> ConstantLaw:
+        _check_range(self.fitted_degc)
+        return self
 
 
 class ExponentialLaw(LawEntry, LateEntry):
@@ -68,9 +79,13 @@ class ExponentialLaw(LawEntry, LateEntry):
                 "outside is 'auto' but there is no covariance; expected that of a, b and c, as "
                 "identify friction writes it, or outside: hold or extend"
             )
-        if not self.fitted_degc[0] < self.fitted_degc[1]:
-            raise ValueError(f"fitted_degc must rise, found {list(self.fitted_degc)}")
+        _check_range(self.fitted_degc)
         return self
+
+
+def _check_range(degc: tuple[float, float] | None) -> None:
+    if degc is not None and not degc[0] < degc[1]:
+        raise ValueError(f"fitted_degc must rise, found {list(degc)}")
 
 
 def _check_covariance(rows: list[list[float]]) -> None:

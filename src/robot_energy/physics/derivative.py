@@ -198,7 +198,8 @@ class Derivative:
         instants = np.arange(start, stop)
         cut = instants < self._least_behind
         cut |= instants + self._least_ahead >= len(buffer)
-        mark(quality, cut, Quality.ACCELERATION_INCOMPLETE)
+        if cut.any():
+            mark(quality, cut, Quality.ACCELERATION_INCOMPLETE)
         return JointBlock(
             stamp_ns=buffer.stamp_ns[rows],
             segment=buffer.segment[rows],

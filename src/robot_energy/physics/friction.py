@@ -142,9 +142,13 @@ def viscous_law(entry: LawEntry) -> ViscousLaw:
 
 
 def constant_law(entry: ConstantLaw) -> ViscousLaw:
-    """Return one viscous coefficient for all temperatures."""
-    value, std = entry.viscous.value, _level(entry.viscous.std)
-    return ViscousLaw(-np.inf, np.inf, partial(constant_viscous, viscous=value), std)
+    """Return one viscous coefficient; outside a fitted range its deviation is not known."""
+    lower, upper = entry.fitted_degc or (-np.inf, np.inf)
+    formula, std = partial(constant_viscous, viscous=entry.viscous.value), entry.viscous.std
+    if std is None or entry.fitted_degc is None:
+        return ViscousLaw(lower, upper, formula, _level(std))
+    deviation = partial(_within, value=std, lower=lower, upper=upper)
+    return ViscousLaw(lower, upper, formula, deviation, known_degc=(-np.inf, np.inf))
 
 
 def exponential_law(entry: ExponentialLaw) -> ViscousLaw:
@@ -334,6 +338,10 @@ def with_fixed_friction(
 def _level(std: float | None) -> Callable[[Float], Float] | None:
     """The same deviation at every temperature; None for none."""
     return None if std is None else partial(_same, value=std)
+
+
+def _within(degc: Float, value: float, lower: float, upper: float) -> Float:
+    return np.where((degc >= lower) & (degc <= upper), value, np.nan)
 
 
 def _same(degc: Float, value: float) -> Float:

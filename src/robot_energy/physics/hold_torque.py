@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.model import RobotModel
-from robot_energy.physics.drive import Drive
+from robot_energy.physics.drives_and_cabinet import Drive
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, Int

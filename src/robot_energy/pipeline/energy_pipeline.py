@@ -73,7 +73,9 @@ class EnergyPipeline:
         joints: JointBlock | None = None,
         temperatures: TemperatureBlock | None = None,
         meter: MeterBlock | None = None,
+        *,
         planned: bool = False,
+        torque: TorqueBlock | None = None,
     ) -> Output:
         """Take what has arrived and return what became complete.
 
@@ -83,11 +85,11 @@ class EnergyPipeline:
             meter: Meter readings in order of arrival.
             planned: Whether the joints are those of a planned motion, whose accelerations are
                 known and not derived.
+            torque: What `torque` gave for joint states, where it was asked elsewhere.
 
         Returns:
             The completed samples of every stage.
         """
-        torque = None
         if joints is not None:
             if planned:
                 torque = self.torque.plan(joints)
@@ -98,24 +100,6 @@ class EnergyPipeline:
                 if done is None or not 0 <= newest - done < TOGETHER_NS:  # enough, or a jump
                     waiting, self._waiting, self._done_ns = self._waiting, [], newest
                     torque = self.torque.step(JointBlock.concatenate(waiting))
-        return self.advance(torque, temperatures, meter)
-
-    def advance(
-        self,
-        torque: TorqueBlock | None,
-        temperatures: TemperatureBlock | None = None,
-        meter: MeterBlock | None = None,
-    ) -> Output:
-        """Go on from torques that were computed elsewhere.
-
-        Args:
-            torque: What `torque` gave for the joint states, if anything.
-            temperatures: As in `step`.
-            meter: As in `step`.
-
-        Returns:
-            The completed samples of every stage.
-        """
         friction = self.friction.step(temperatures) if temperatures is not None else None
         if friction is not None:
             self.power.timeline.add(friction)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from operator import itemgetter
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,10 @@ from robot_energy.certainty.deviation import (
     PowerDeviation,
 )
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.foundation.described import Described
+from robot_energy.inputs.temperatures.stuck import WINDOW_NS, StuckTemperatureDetector
 from robot_energy.model import RobotModel
-from robot_energy.physics.cabinet import CabinetStage, FanStage
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage, drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
@@ -50,6 +50,16 @@ HELD_NS = 10_000_000  # of each, deviations are computed at the first sample [ns
 NO_SLOT = -1  # before the first sample
 
 
+class _Supplied(Described):
+    """What drives and cabinet make of the power at the shafts."""
+
+    drive_loss: Annotated[Float, "Drive input minus shaft power, shape (N, n). [W]"]
+    bus_power: Annotated[Float, "Of all drives, shape (N,). [W]"]
+    phase: Annotated[NDArray[np.uint8], "Shape (N,)."]
+    fan_power: Annotated[Float | float, "Shape (N,). [W]"]
+    balance: Balance
+
+
 class SupplyStage:
     """Drives and cabinet of a robot.
 
@@ -61,71 +71,58 @@ class SupplyStage:
     def __init__(self, model: RobotModel, settings: Settings) -> None:
         self.drive = drive_from_model(model)
         self.cabinet = CabinetStage(model.cabinet)
-        self.fan = FanStage(model.cabinet)
+        self._fan = None if model.cabinet.fan is None else FanStage(model.cabinet)
         self.hold = HoldTorque(model, settings.effort)
         self.standstill = motor_standstill(model)
         self.fallback_degc = model.temperature.fallback_degc
 
-    def drawn(
-        self, shaft: Float, speed: Float, wound: Float, winding: Float, quality: Bits
-    ) -> Float:
-        """Return the input power of every drive, shape (N, n). [W]
+    def step(
+        self, block: TorqueBlock | PowerBlock, shaft: Float, wound: Float, degc: Float,
+        winding: Float, standing: NDArray[np.bool_], quality: Bits,
+    ) -> _Supplied:  # fmt: skip
+        """Return what is drawn by samples in time order, behind those before.
 
         Args:
             shaft: Shaft power, shape (N, n). [W]
-            speed: Motor velocity, same shape. [rad/s]
-            wound: Torque in the windings, same shape. [N m]
-            winding: Their temperature, same shape. [degC]
-            quality: Marked in place where a drive is outside its map, shape (N,).
+            wound: Torque in the windings, shape (N, n). [N m]
+            degc: Temperature of the motors, NaN where unknown, shape (N, n). [degC]
+            winding: That of the windings, shape (N, n). [degC]
+            standing: Where motors stand, shape (N, n).
+            quality: Marked in place where a drive is outside its map, and where the power is not
+                finite, shape (N,).
         """
-        power, extrapolated = self.drive.input_power(shaft, speed, wound, winding)
+        drawn, extrapolated = self.drive.input_power(shaft, block.motor_velocity, wound, winding)
         if extrapolated is not None:
             mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
-        return power
-
-    def balance(
-        self, block: TorqueBlock | PowerBlock, drawn: Float, standing: NDArray[np.bool_],
-        fan_power: Float | float, quality: Bits,
-    ) -> tuple[Float, Balance, NDArray[np.uint8]]:  # fmt: skip
-        """Return the power of the bus [W], what the cabinet makes of it, and the phase, (N,) each.
-
-        Args:
-            block: Samples in time order, behind those before.
-            drawn: By every drive, shape (N, n). [W]
-            standing: Where motors stand, shape (N, n).
-            fan_power: Shape (N,). [W]
-            quality: Marked in place where the power is not finite, shape (N,).
-        """
         bus = sum_over_joints(drawn)
         bus[np.abs(bus) > MAX_POWER] = np.nan
-        balance = self.cabinet.step(block.stamp_ns, block.segment, bus, fan_power)
-        finite = np.isfinite(balance.grid_power)
-        mark(quality, ~finite, Quality.NOT_FINITE)
+        fan = 0.0 if self._fan is None else self._fan.step(degc)
+        balance = self.cabinet.step(block.stamp_ns, block.segment, bus, fan)
         phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
         phase[standing.all(axis=1)] = Phase.HOLD
         phase[bus + balance.loss_dc < 0] = Phase.GENERATING
-        phase[~finite] = Phase.UNKNOWN
-        return bus, balance, phase
+        finite = np.isfinite(balance.grid_power)
+        if not finite.all():
+            mark(quality, ~finite, Quality.NOT_FINITE)
+            phase[~finite] = Phase.UNKNOWN
+        return _Supplied(drawn - shaft, bus, phase, fan, balance)
 
     @np.errstate(invalid="ignore", over="ignore")
     def again(self, power: PowerBlock) -> PowerBlock:
         """Return power, in time order, as these drives and this cabinet make it of its torques."""
-        speed, degc = power.motor_velocity, power.motor_temperature_degc
-        standing = np.abs(speed) <= self.standstill
+        degc = power.motor_temperature_degc
+        standing = np.abs(power.motor_velocity) <= self.standstill
         quality = power.quality & ~np.uint32(Quality.DRIVE_EXTRAPOLATED | Quality.NOT_FINITE)
         wound, _ = self.hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)
-        shaft = power.rigid_power + power.friction_power
         winding = np.where(np.isnan(degc), self.fallback_degc, degc)
-        drawn = self.drawn(shaft, speed, wound, winding, quality)
-        fan = self.fan.step(degc)
-        bus, balance, phase = self.balance(power, drawn, standing, fan, quality)
+        found = self.step(power, power.shaft_power, wound, degc, winding, standing, quality)
         return replace(
             power,
             quality=quality,
-            phase=phase,
-            drive_loss=drawn - shaft,
-            bus_power=bus,
-            **balance.__dict__,
+            phase=found.phase,
+            drive_loss=found.drive_loss,
+            bus_power=found.bus_power,
+            **vars(found.balance),
         )
 
 
@@ -133,8 +130,14 @@ class Condition(Protocol):
     """What is learned of one robot while it runs, and how it counts in its power.
 
     Samples are cut at `cuts`; for each part in the order of time come `estimate`,
-    `learned` and `step`. So what a part has taught counts from the next one on.
+    `learned`, where figures are in use, and `step`. So what a part has taught counts from the next
+    one on.
+
+    Attributes:
+        in_use: Whether the part follows learned figures, and not those of the model file alone.
     """
+
+    in_use: bool
 
     def measure(self, block: MeterBlock) -> None:
         """Take readings of the meter."""
@@ -169,8 +172,8 @@ class Condition(Protocol):
 
     def learned(
         self, motor_velocity: Float, motor_temperature_degc: Float
-    ) -> tuple[Float | float, float, float] | None:
-        """Return learned figures to be used; None where the model file holds.
+    ) -> tuple[Float | float, float, float]:
+        """Return the learned figures that are in use.
 
         Args:
             motor_velocity: Shape (N, n). [rad/s]
@@ -220,6 +223,7 @@ class PowerStage:
         self._hold = self._supply.hold
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
+        self._unwatched: list[tuple[Int, Int, Float, Float]] = []  # since `watch` was asked
         self._assumed = settings.temperature_assumed
         stale_after = NEVER if self._assumed else min(model.temperature.stale_after, NEVER)
         self._stale_ns = round(stale_after / NANOSECOND)
@@ -288,9 +292,10 @@ class PowerStage:
         friction = self._friction.torque(
             speed, coulomb, viscous, motor_torque_rigid=rigid, standing=standing
         )
-        learned, cabinet = self._condition.learned(speed, friction_degc), self._supply.cabinet
+        cabinet = self._supply.cabinet
         cabinet.offset_dc = cabinet.offset_grid = 0.0
-        if learned is not None:
+        if self._condition.in_use:
+            learned = self._condition.learned(speed, friction_degc)
             factor, cabinet.offset_dc, cabinet.offset_grid = learned
             coulomb, viscous, friction = coulomb * factor, viscous * factor, friction * factor
             quality |= np.uint32(Quality.LEARNED)
@@ -304,29 +309,28 @@ class PowerStage:
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
         winding = np.where(np.isnan(degc), self._supply.fallback_degc, degc)
-        drawn = self._supply.drawn(shaft, speed, wound, winding, quality)
-        drive_loss = drawn - shaft
-        stuck = self.watch.step(
-            block.stamp_ns,
-            block.segment,
-            np.where(standing, 0.0, friction_power + drive_loss),
-            measured_degc,
-        )
-        if stuck is not None and not self._assumed:
-            mark(quality, stuck, Quality.TEMPERATURE_STUCK)
-        fan = self._supply.fan.step(degc)
-        bus, balance, phase = self._supply.balance(block, drawn, standing, fan, quality)
+        supplied = self._supply.step(block, shaft, wound, degc, winding, standing, quality)
+        drive_loss, balance = supplied.drive_loss, supplied.balance
+        if not self._assumed:
+            loss = np.where(standing, 0.0, friction_power + drive_loss)
+            self._unwatched.append((block.stamp_ns, block.segment, loss, measured_degc))
+            ends = int(block.stamp_ns[0]) // WINDOW_NS, int(block.stamp_ns[-1]) // WINDOW_NS
+            if ends != (self.watch.window,) * 2 or self.watch.stuck.any():
+                waiting, self._unwatched = zip(*self._unwatched, strict=True), []
+                stuck = self.watch.step(*map(np.concatenate, waiting))
+                if stuck is not None:
+                    mark(quality, stuck[-len(block) :], Quality.TEMPERATURE_STUCK)
         turning = np.where(standing, 0.0, speed)
         of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
         held = np.zeros_like(torque)
         if held_std is not None and self._settings.deviations:
             held = self._hold.loss_std(self._supply.drive, wound, held_std, winding)
-        deviation = self._deviations(block, (*of_motors, held), fan, balance)
+        deviation = self._deviations(block, (*of_motors, held), supplied.fan_power, balance)
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
             quality=quality,
-            phase=phase,
+            phase=supplied.phase,
             motor_velocity=speed,
             motor_torque=torque,
             motor_torque_measured=block.motor_torque_measured,
@@ -338,9 +342,9 @@ class PowerStage:
             viscous=viscous,
             motor_temperature_degc=degc,
             payload_mass=block.payload_mass,
-            bus_power=bus,
+            bus_power=supplied.bus_power,
             deviation=deviation,
-            **balance.__dict__,
+            **vars(balance),
         )
         self._condition.step(power, measured_degc[-1])
         return power

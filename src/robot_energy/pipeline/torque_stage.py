@@ -45,22 +45,21 @@ class PayloadTimeline:
     force at the first sample that is not older than its stamp, and stays until the next,
     across backward jumps of the stamps as well: the gripper does not open when a
     simulation restarts. The result does not depend on how samples are cut into blocks.
+
+    Attributes:
+        coming: Changes that no sample has reached yet, in order of their stamps.
+        done_ns: Newest sample that was handed out; None before the first. [ns]
     """
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
-        self._coming: list[PayloadChange] = []
-        self._done_ns: int | None = None  # newest sample that was handed out
-
-    @property
-    def coming(self) -> tuple[PayloadChange, ...]:
-        """Changes that no sample has reached yet, in order of their stamps."""
-        return tuple(self._coming)
+        self.coming: list[PayloadChange] = []
+        self.done_ns: int | None = None
 
     def carried_at(self, stamp_ns: int) -> tuple[Payload, ...]:
         """Return the bodies that the robot carries at a stamp after the newest torque."""
         carried = {body.link: body for body in self.robot.payload}
-        due = [change.payload for change in self._coming if change.from_ns <= stamp_ns]
+        due = [change.payload for change in self.coming if change.from_ns <= stamp_ns]
         carried |= {body.link: body for body in due}
         return tuple(body for body in carried.values() if body.mass)
 
@@ -71,31 +70,30 @@ class PayloadTimeline:
             RobotDescriptionError: If the URDF lacks the link; nothing changes then.
             PayloadError: If too many changes wait for stamps that never come.
         """
-        if len(self._coming) >= MAX_COMING:
+        if len(self.coming) >= MAX_COMING:
             raise PayloadError(
-                f"{len(self._coming)} payloads already wait for their stamps",
+                f"{len(self.coming)} payloads already wait for their stamps",
                 f"fewer than {MAX_COMING}",
                 "set stamps in the time of the joint states",
             )
         self.robot.with_payload([payload])  # refuses an unknown link
         change = PayloadChange(from_ns, payload)
-        insort(self._coming, change, key=lambda entry: entry.from_ns)
-        if self._done_ns is not None and from_ns <= self._done_ns:
-            change = PayloadChange(self._done_ns + 1, payload)
+        insort(self.coming, change, key=lambda entry: entry.from_ns)
+        if self.done_ns is not None and from_ns <= self.done_ns:
+            change = PayloadChange(self.done_ns + 1, payload)
         return replace(change, carried=self.carried_at(change.from_ns))
 
     def pieces(self, block: JointBlock) -> Iterator[tuple[Robot, JointBlock]]:
         """Yield samples between changes of the payload, with the robot as it is loaded."""
-        self._done_ns = int(block.stamp_ns[-1])
         start = 0
-        while self._coming:
-            reached = block.stamp_ns[start:] >= self._coming[0].from_ns
+        while self.coming:
+            reached = block.stamp_ns[start:] >= self.coming[0].from_ns
             first = start + int(np.argmax(reached))
             if not reached.any():
                 break
             if first > start:
                 yield self.robot, block[slice(start, first)]
-            start, payload = first, self._coming.pop(0).payload
+            start, payload = first, self.coming.pop(0).payload
             others = [body for body in self.robot.payload if body.link != payload.link]
             self.robot = self.robot.with_payload([*others, payload] if payload.mass else others)
         yield self.robot, block if start == 0 else block[slice(start, None)]
@@ -136,7 +134,7 @@ class TorqueStage:
     @property
     def coming_payloads(self) -> tuple[PayloadChange, ...]:
         """Changes of the payload that no torque has reached yet."""
-        return self._payload.coming
+        return tuple(self._payload.coming)
 
     @property
     def next_payload(self) -> tuple[Payload, ...]:
@@ -184,7 +182,10 @@ class TorqueStage:
         if not parts:
             return None
         joints = JointBlock.concatenate(parts)
-        torque = TorqueBlock.concatenate([*starmap(self._rigid, self._payload.pieces(joints))])
+        payload = self._payload
+        payload.done_ns = int(joints.stamp_ns[-1])
+        pieces = payload.pieces(joints) if payload.coming else [(payload.robot, joints)]
+        torque = TorqueBlock.concatenate([*starmap(self._rigid, pieces)])
         if self._effort is not None:
             self.effort_check.step(joints.joint_effort, torque.motor_torque_rigid)
         return torque

@@ -253,7 +253,8 @@ def _outputs(
                 for name, (readings, states) in step.auxiliary.items():
                     pipeline.account.auxiliary.take(name, readings, states)
             if step.inputs is None or step.stages is None:
-                yield pipeline.advance(step.torque, step.temperatures, step.meter), step.changes
+                inputs = {"temperatures": step.temperatures, "meter": step.meter}
+                yield pipeline.step(**inputs, torque=step.torque), step.changes
             else:  # as they are in the process that has read
                 read = step.inputs
                 result.joint_states, result.temperatures = read.joint_states, read.temperatures

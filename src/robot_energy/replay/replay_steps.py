@@ -12,9 +12,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.bag import BagReader
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.auxiliary import LoadTopics
@@ -187,13 +188,40 @@ def _joined(parts: Iterator[dict[str, RawBatch]]) -> Iterator[dict[str, RawBatch
             for t, batch in part.items()
         )
         if held and (messages + count > MESSAGES or falls):
-            whole, held, messages = RawBatch.joined(held), [], 0
-            yield whole
-            del whole  # while the next ones come
+            yield _taken(held)
+            messages = 0
         held.append(part)
         messages += count
     if held:
-        yield RawBatch.joined(held)
+        yield _taken(held)
+
+
+def _taken(held: list[dict[str, RawBatch]]) -> dict[str, RawBatch]:
+    """Join what is held, and hold nothing."""
+    parts = held.copy()
+    held.clear()
+    if len(parts) == 1:
+        return parts[0]
+    buffers: dict[int, tuple[int, NDArray[np.uint8]]] = {}
+    size = 0
+    found: dict[str, list[RawBatch]] = {}
+    for part in parts:
+        for topic, batch in part.items():
+            found.setdefault(topic, []).append(batch)
+            if id(batch.buffer) not in buffers:
+                buffers[id(batch.buffer)] = size, batch.buffer
+                size += len(batch.buffer)
+    buffer = np.concatenate([each for _, each in buffers.values()])
+    return {
+        topic: replace(
+            batches[0],
+            log_time_ns=np.concatenate([b.log_time_ns for b in batches]),
+            buffer=buffer,
+            offset=np.concatenate([b.offset + buffers[id(b.buffer)][0] for b in batches]),
+            length=np.concatenate([b.length for b in batches]),
+        )
+        for topic, batches in found.items()
+    }
 
 
 def _cut(

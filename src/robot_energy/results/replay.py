@@ -312,6 +312,7 @@ def _notes(result: Replay) -> list[str]:
         notes.append("the bag has no power meter: nothing was measured")
     elif not account.comparison.compared_ns:
         notes.append("no reading of the power meter covers any of the predicted time")
+    notes += [result.meter.refused] if result.meter.refused else []
     notes += account.judgement.findings(account.comparison)
     lag = account.comparison.response.sentence
     notes += [lag] if lag else []

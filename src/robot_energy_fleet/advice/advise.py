@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 
 from robot_energy.certainty.deviation import Z90
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError, ParameterError, RobotEnergyError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
@@ -23,22 +23,24 @@ from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.base import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
 from robot_energy_fleet.advice.claims import (
-    LONG_REST,
     Claim,
+    of_all,
     regenerative,
     shared_bus,
     standby,
     waiting_pose,
     warm_up,
 )
-from robot_energy_fleet.advice.dataset_evidence import (
+from robot_energy_fleet.advice.evidence import (
+    LONG_REST,
     MIN_BAGS,
+    MIN_REST,
+    EvidenceSums,
+    RecordedEvidence,
     SampledBag,
     dataset_evidence,
     evenly,
-    of_all,
 )
-from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy_fleet.options import AdviseOptions
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy_fleet.tables import is_history
@@ -53,11 +55,7 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    path: str,
-    evidence: RecordedEvidence,
-    model: RobotModel,
-    options: ReplayOptions,
-    named: str,
+    path: str, evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions, named: str
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
@@ -149,15 +147,10 @@ ABSENT = {
 }
 
 
-@dataclass(frozen=True)
-class AdviceResult(Shown):
-    """What would save how much.
+class AdviceResult(Described, Shown):
+    """What would save how much."""
 
-    Attributes:
-        report: All figures.
-    """
-
-    report: AdviceReport
+    report: Annotated[AdviceReport, "All figures."]
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy advise``."""
@@ -196,7 +189,15 @@ def advise(
     else:
         each = [_recorded(path, used, problems, options) for path in paths]
         names = [str(path) for path in paths]
-        rows, more = given_once(names, [_content(one) for one in each])
+        # equal for the same recording, wherever the bag lies
+        contents = [
+            (
+                *(one.start_ns, one.end_ns, one.observed_time, one.grid_energy),
+                one.motion_time.tobytes(),
+            )
+            for one in each
+        ]
+        rows, more = given_once(names, contents)
         paths, each = [paths[row] for row in rows], [each[row] for row in rows]
         names = [names[row] for row in rows]
         notes += [*more, *overlaps(names, [(one.start_ns, one.end_ns) for one in each])]
@@ -318,20 +319,12 @@ def _recorded(
     found.start_ns, found.end_ns = time.start_ns, time.end_ns
     found.measured_temperature = bool(result.topics.temperatures)
     found.notes = [] if result.topics.temperatures else ["no motor temperatures were recorded"]
+    found.notes += [f"{path}: {one.sentence}" for one in result.joint_states.findings()]
     problems += result.problems
     return found
 
 
-def _content(evidence: RecordedEvidence) -> tuple[object, ...]:
-    """Equal for the same recording, wherever the bag lies."""
-    span = evidence.start_ns, evidence.end_ns, evidence.observed_time
-    return *span, evidence.grid_energy, evidence.motion_time.tobytes()
-
-
-def _basis(
-    evidence: RecordedEvidence,
-    options: AdviseOptions,
-) -> AdviceBasis:
+def _basis(evidence: RecordedEvidence, options: AdviseOptions) -> AdviceBasis:
     span = 0.0
     if evidence.start_ns is not None and evidence.end_ns is not None:
         span = (evidence.end_ns - evidence.start_ns) * NANOSECOND

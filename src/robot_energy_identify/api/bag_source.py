@@ -20,11 +20,13 @@ from robot_energy_identify.drives.drive_power import DrivePowerTopics
 from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.options import EFFORTS, Stages, silent
 from robot_energy_identify.plausibility import check_signs
-from robot_energy_identify.refused_recordings import refuse_torque, torque_evidence
+from robot_energy_identify.refused_recordings import (
+    refuse_motion,
+    refuse_torque,
+    torque_evidence,
+)
 from robot_energy_identify.run_all import usable_effort
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
-
-NEVER_GUESSED = "the effort of a driver is never guessed"
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class BagSource:
         for bag in self.bags:
             with self.progress(f"reading {Path(bag).name}") as report:
                 part = read_recording(bag, model, meaning, report, read, most)
+                refuse_motion(part)
                 found.append(replace(part, sensors=sensors))
         return found
 
@@ -84,7 +87,7 @@ class BagSource:
                 if self.inputs
                 else "it is not said what the effort means",
                 f"an effort, one of {', '.join(EFFORTS)}",
-                NEVER_GUESSED,
+                "the effort of a driver is never guessed",
             )
         found = self.recordings(model)
         check_signs(found, meaning)
@@ -99,20 +102,17 @@ class BagSource:
 
     def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         """Return evenly sampled motion and torque of each recording by its name."""
-        found = self._channels(model)
-        give_back_freed_memory()  # of the recordings, which take more than their motion
-        return found
-
-    def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         recordings = self.with_effort(model)
         seconds = motion_time(recordings, len(recordings))
         found: dict[str, list[Channels]] = {}
         rate: float | None = None
-        for bag, part in zip(self.lazy(model, None)[0], recordings, strict=True):
-            motion = replace(bag, kept=Kept(part)).motion(model, seconds)
-            sampled = channels_of(motion, rate)
+        for bag in self.lazy(model, None)[0]:
+            kept = Kept(recordings.pop(0))  # which takes more than its motion
+            sampled = channels_of(replace(bag, kept=kept).motion(model, seconds), rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
+            del kept
+        give_back_freed_memory()
         return found
 
     def lazy(
@@ -120,11 +120,7 @@ class BagSource:
     ) -> tuple[list[Bag], str]:
         """Return the bags as identification reads them again and again, in parts.
 
-        Args:
-            drive_power: Where the bags have the power of each drive, if they have.
-
-        Returns:
-            The bags, and why their effort cannot be used; empty if it can, or was not stated.
+        Also why their effort cannot be used; empty if it can, or was not stated.
         """
         meaning, read = self.meaning()
         refused = usable_effort(model, meaning)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, Unpack
+from typing import Literal, Unpack
 
 import numpy as np
 
@@ -26,13 +26,15 @@ from robot_energy_identify.results.evaluation import (
     FIXED,
     MODEL,
     EvaluationReport,
+    ModelScore,
     RecordingScore,
     ScoreSums,
+    TorqueErrorSums,
     seen_in_fit,
 )
-from robot_energy_identify.stats.torque_errors import LowPassTorqueError, TorqueErrorSums
 
-WIDER = 5.0  # window of accelerations that is tried, over that of the monitor [-]
+LONGER = 5.0 * Settings.derivative_window  # window of accelerations that is tried as well [s]
+WINDOW = "longer window"
 BETTER = 0.9  # torque error with it over that without, from which on it is worth a sentence [-]
 
 
@@ -68,8 +70,12 @@ def evaluate(
     paths = [bags] if isinstance(bags, str | Path) else list(bags)
     if not paths:
         raise BagError("no recording", "one or more")
-    variants = ((MODEL, used, None), (FIXED, fixed, change))
-    windows = _windows(options)
+    runs: list[tuple[str, RobotModel, str | None, ReplayOptions]] = [
+        (MODEL, used, None, {}),
+        (FIXED, fixed, change, {}),
+    ]
+    if all(options.get(name) is None for name in ("derivative_window", "out", "inputs")):
+        runs.append((WINDOW, used, None, {"derivative_window": LONGER}))
     done, progress = 0, options.get("progress")
     together: dict[str, ScoreSums] = {}
     recordings: list[RecordingScore] = []
@@ -77,26 +83,22 @@ def evaluate(
 
     def show(share: float) -> None:
         if progress is not None:
-            progress((done + share) / (len(paths) * (len(variants) + len(windows))))
+            progress((done + share) / (len(paths) * len(runs)))
 
     for path in paths:
         sums: dict[str, ScoreSums] = {}
-        for name, variant, text in variants:
-            report, found, degc = _run(path, variant, text, {**options, "progress": show})
+        for name, variant, text, more in runs:
+            report, sums[name], degc = _run(
+                path, variant, text, {**options, **more, "progress": show}
+            )
             done += 1
-            sums[name] = found
             if name == MODEL:
                 effort = EffortMeaning.NONE.value if report.shaft is None else report.shaft.effort
                 recordings.append(_recording(path, used, report, degc))
-        scores = (*(one.score(name) for name, one in sums.items()), sums[MODEL].zero())
-        recordings[-1] = replace(recordings[-1], scores=scores)
-        for window in windows:
-            found = _run(
-                path, used, None, {**options, "derivative_window": window, "progress": show}
-            )[1]
-            done += 1
-            notes = (*recordings[-1].notes, *_of_window(sums[MODEL], found, window))
-            recordings[-1] = replace(recordings[-1], notes=notes)
+        notes = recordings[-1].notes
+        if WINDOW in sums:
+            notes = (*notes, *_of_window(sums[MODEL], sums.pop(WINDOW)))
+        recordings[-1] = replace(recordings[-1], scores=_scores(sums), notes=notes)
         for name, found in sums.items():
             together[name] = together[name].plus(found) if name in together else found
     if all(one.measured_energy is None and one.scores[0].all_joints is None for one in recordings):
@@ -105,52 +107,41 @@ def evaluate(
             "recordings with a power meter, or with torque or current in the joint states",
             "say with --effort what the effort is",
         )
-    return EvaluationReport(
-        model_used(used),
-        effort,
-        tuple(recordings),
-        (*(one.score(name) for name, one in together.items()), together[MODEL].zero()),
-    )
+    return EvaluationReport(model_used(used), effort, tuple(recordings), _scores(together))
+
+
+def _scores(sums: Mapping[str, ScoreSums]) -> tuple[ModelScore, ...]:
+    return (*(one.score(name) for name, one in sums.items()), sums[MODEL].zero())
 
 
 def _run(
     path: str | Path, model: RobotModel, change: str | None, options: ReplayOptions
 ) -> tuple[ReplayReport, ScoreSums, tuple[float, float]]:
-    torque, low_pass = TorqueErrorSums(model), LowPassTorqueError(model)
-    degc = [math.inf, -math.inf]
+    torque, degc = TorqueErrorSums(model), [math.inf, -math.inf]
 
     def take(output: Output) -> None:
         if output.power is None:
             return
         torque.step(output.power)
-        low_pass.step(output.power)
         warm = output.power.motor_temperature_degc
         warm = warm[np.isfinite(warm)]
         if len(warm):
             degc[:] = min(degc[0], float(warm.min())), max(degc[1], float(warm.max()))
 
     result = replay(path, model, ReplaySetup.of(options), on_output=take)
-    low_pass.finish()
+    torque.finish()
     report = replay_report(result, change)
-    sums = ScoreSums.of(report, torque, result.power_error, low_pass)
-    return report, sums, (degc[0], degc[1])
+    return report, ScoreSums.of(report, torque, result.power_error), (degc[0], degc[1])
 
 
-def _windows(options: Mapping[str, Any]) -> list[float]:
-    """Windows of accelerations to try as well; none where one was asked for."""
-    if options.get("derivative_window") is not None or options.get("out") is not None:
-        return []
-    return [] if options.get("inputs") is not None else [WIDER * Settings.derivative_window]
-
-
-def _of_window(given: ScoreSums, wider: ScoreSums, window: float) -> list[str]:
-    before, after = (float(one.torque.relative_of_all[1]) for one in (given, wider))
+def _of_window(given: ScoreSums, longer: ScoreSums) -> list[str]:
+    before, after = (float(one.torque.relative_of_all[1]) for one in (given, longer))
     if not after < BETTER * before:
         return []
     return [
-        f"accelerations from {window:g} s in place of {Settings.derivative_window:g} s would lower "
+        f"accelerations from {LONGER:g} s in place of {Settings.derivative_window:g} s would lower "
         f"the error of the motor torque from {100 * before:.1f} to {100 * after:.1f} %: set "
-        f"derivative_window to {window:g} (--derivative-window; the parameter of the node)"
+        f"derivative_window to {LONGER:g} (--derivative-window; the parameter of the node)"
     ]
 
 

@@ -15,8 +15,15 @@ from robot_energy.replay.setup import ModelName, model_of
 from robot_energy.results.base import Result
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource
-from robot_energy_identify.auxiliary.readings import outlet_readings, own_readings, read_loads
-from robot_energy_identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
+from robot_energy_identify.auxiliary import (
+    LoadsFit,
+    fit_outlet,
+    fit_own,
+    outlet_readings,
+    own_readings,
+    read_loads,
+    with_states,
+)
 from robot_energy_identify.cabinet.supply import fit_supply
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.data.bags import BagFacts, Kept, Span, facts, folds_of
@@ -36,6 +43,7 @@ from robot_energy_identify.refused_recordings import (
     notes_on_torque,
     on_one_clock,
     refuse_meter,
+    refuse_motion,
     refuse_torque,
     torque_evidence,
 )
@@ -369,9 +377,11 @@ def identify_all(
     known: list[tuple[BagFacts, Span]] = []
     evidence: list[Evidence] = []
     recordings: list[Recording] = []
+    states: list[str] = []
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
+        states += refuse_motion(recording)
         recordings.append(recording)
         known.append((facts(bag, recording), recording.span_ns))
         evidence.append(torque_evidence(recording, bag.effort))
@@ -390,7 +400,12 @@ def identify_all(
     fit_parts, test_parts = evidence[: len(fitted)], evidence[len(fitted) :]
     with progress("comparing with the model"):
         compare = refuse_torque if bodies_known(given) else notes_on_torque
-        notes = [*moved, *compare(fit_parts), *notes_on_torque(test_parts, "in the test: ")]
+        notes = [
+            *states,
+            *moved,
+            *compare(fit_parts),
+            *notes_on_torque(test_parts, "in the test: "),
+        ]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
         whole = identify_everything(
             fitted,

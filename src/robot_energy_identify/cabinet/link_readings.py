@@ -9,7 +9,7 @@ import numpy as np
 
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
-from robot_energy.physics.cabinet import CabinetStage, FanStage
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.data.recordings import Recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.physics.cabinet import FanStage
+from robot_energy.physics.drives_and_cabinet import FanStage
 from robot_energy.timeline.blocks import Float, Int, Phase
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.recordings import Recording

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
-from robot_energy.physics.cabinet import CabinetStage, FanStage
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage
 from robot_energy_identify.cabinet.cabinet import (
     CabinetFit,
     fit_cabinet,

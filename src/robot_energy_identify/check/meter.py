@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
@@ -32,18 +33,12 @@ TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil sh
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
 
-class MeterLag(NamedTuple):
-    """How far the readings of a meter are behind the joint states.
+class MeterLag(Described):
+    """How far the readings of a meter are behind the joint states."""
 
-    Attributes:
-        lag: Negative for readings that are ahead. [s]
-        gain: Share of what is left unexplained that the lag takes away. [-]
-        shown: Whether that is enough for a lag.
-    """
-
-    lag: float
-    gain: float
-    shown: bool
+    lag: Annotated[float, "Negative for readings that are ahead. [s]"]
+    gain: Annotated[float, "Share of what is left unexplained that it takes away. [-]"]
+    shown: Annotated[bool, "Whether that is enough for a lag."]
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
@@ -51,10 +46,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
     if evidence.meter is None or evidence.supply is None:
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
-    findings = [
-        Finding("meter", WARNING, ("meter",), note, float("nan"), float("nan"))
-        for note in evidence.remarks.meter
-    ]
+    findings = [Finding("meter", WARNING, ("meter",), note) for note in evidence.remarks.meter]
     predicted = _predicted(evidence, time, 0.0)
     both = np.isfinite(measured) & np.isfinite(predicted)
     if int(both.sum()) < MIN_INTERVALS:
@@ -67,7 +59,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
                 "meter_sign", ERROR, ("meter",),
                 f"the meter reads {measured_mean:.3g} W on average where the robot takes about "
                 f"{predicted_mean:.3g} W: its sign is reversed",
-                measured_mean, 0.95, *remedies.meter(evidence, sign=True),
+                measured_mean, *remedies.meter(evidence, sign=True),
             )
         )  # fmt: skip
         measured, measured_mean = -measured, -measured_mean
@@ -78,7 +70,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
                 Finding(
                     "meter_unit", ERROR, ("meter",),
                     f"the meter reads {ratio:.2g} times the prediction, as with {words}",
-                    ratio, 0.9, *remedies.meter(evidence, scale=1.0 / factor),
+                    ratio, *remedies.meter(evidence, scale=1.0 / factor),
                 )
             )  # fmt: skip
             measured = measured / factor
@@ -159,10 +151,13 @@ def _lag_of(evidence: Evidence, time: Float, measured: Float) -> MeterLag | str:
     left = unexplained(lags)
     now = float(left[int(np.argmin(np.abs(lags)))])
     best, most = int(np.argmin(left)), 1.0 - MIN_CORRELATION**2
-    if left[best] > most or best in (0, len(lags) - 1):  # a clock may be further off
-        reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
-        far = np.arange(-reach, reach + 1e-9, FAR_STEP)
-        lags = far[int(np.argmin(unexplained(far)))] + lags
+    reach = min(FAR_LAG, float(time[-1] - time[0]) / 3.0)
+    far = np.arange(-reach, reach + 1e-9, FAR_STEP)
+    left_far = unexplained(far)
+    least = float(left_far.min())
+    nearer = 1.0 - least / float(left[best]) < MIN_LAG_GAIN + least
+    if left[best] > most or best in (0, len(lags) - 1) or not nearer:  # a clock is further off
+        lags = far[int(np.argmin(left_far))] + lags
         left = unexplained(lags)
         best = int(np.argmin(left))
     if left[best] > most or best in (0, len(lags) - 1):
@@ -181,15 +176,15 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
     found = f"correct {wrong[0]} first" if wrong else _lag_of(evidence, time, measured)
     if isinstance(found, str):
         return [unjudged("meter_clock", ("meter",), "the clock of the meter", found)]
-    lag, gain, shown = found
-    if abs(lag) < MIN_LAG or not shown:
+    lag, gain = found.lag, found.gain
+    if abs(lag) < MIN_LAG or not found.shown:
         return []
     return [
         Finding(
             "meter_clock", ERROR, ("meter",),
             f"the meter is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} the joint states "
             f"(shifted, the prediction explains {100 * gain:.0f} % of what is left unexplained)",
-            lag, gain, *remedies.meter(evidence, delay=lag),
+            lag, *remedies.meter(evidence, delay=lag),
         )
     ]  # fmt: skip
 
@@ -207,7 +202,7 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[
             "shafts_exceed_meter", ERROR, ("meter",),
             f"the shafts take {taken:.0f} W on average by the recorded torque, more than the "
             f"{mean:.0f} W of the meter",
-            taken / mean if mean else float("inf"), float("nan"),
+            taken / mean if mean else float("inf"),
             "check the scale of the torque, the unit of the meter, and its place",
         )  # fmt: skip
     elif mean > MAX_EXCESS * expected > 0.0:
@@ -215,7 +210,7 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[
             "meter_exceeds", WARNING, ("meter",),
             f"the meter reads {mean:.0f} W on average, {mean / expected:.2g} times the "
             f"{expected:.0f} W that shafts, friction and losses of the model explain",
-            mean / expected, float("nan"),
+            mean / expected,
             "identify the constant losses (robot-energy identify cabinet), or look for another "
             "load on the meter",
         )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,13 +14,13 @@ from robot_energy.replay.bag_replay import LONGER_WINDOW
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence, velocity_noise
-from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
+from robot_energy_identify.check.finding import ERROR, MODEL, WARNING, Finding, unjudged
 
-UNKNOWN = (float("nan"), float("nan"))  # evidence and certainty
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
 MAX_SCALE_ERROR = 0.15
 DEGREES = 180.0 / np.pi
+STAMPS_UNEVEN = "stamps_uneven"
 MIN_BEYOND = 0.02  # share of samples beyond a limit
 
 MIN_REST = 2.0  # s of a joint, below which its noise may be motion
@@ -52,15 +53,15 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
         finding
         for joint in joints
         for finding in (
-            _units(evidence, joint, foreign)
-            if foreign[joint]
-            else (*_slope(evidence, joint), *_limits(evidence, joint))
+            _units(evidence, joint, foreign) if foreign[joint] else _limits(evidence, joint)
         )
     ]
+    slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
+    findings += _together(evidence, slopes)
     if not any(finding.severity == ERROR for finding in findings):
         # joints that would need more torque than the robot has
         findings += [
-            Finding("torque_limit", WARNING, (name,), sentence, *UNKNOWN, LONGER_WINDOW)
+            Finding("torque_limit", WARNING, (name,), sentence, remedy=LONGER_WINDOW)
             for name, sentence in evidence.beyond_torque.items()
         ]
     return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
@@ -82,8 +83,7 @@ def _held(evidence: Evidence) -> Iterator[Finding]:
         "velocity_held", WARNING, (),
         f"velocities stay the same for {1e3 * time:.0f} ms and then step, while positions move "
         "on: their slope, and so the acceleration, is a staircase",
-        time, float("nan"),
-        *remedies.no_velocity(),
+        time, *remedies.NO_VELOCITY,
     )  # fmt: skip
 
 
@@ -101,8 +101,8 @@ def _degrees_unseen(evidence: Evidence) -> Iterator[Finding]:
     yield unjudged("degrees", (), "whether positions are in radians", why)
 
 
-def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
-    """Mean velocity of each step from its positions, and from the recorded velocities."""
+def _change(evidence: Evidence, joint: int) -> tuple[Float, Float, Float]:
+    """Mean velocity of each step from its positions and from the recorded velocities; its time."""
     time = np.diff(evidence.stamp_ns) * NANOSECOND
     same = (np.diff(evidence.segment) == 0) & (time > 0)
     position, velocity = evidence.position[:, joint], evidence.velocity[:, joint]
@@ -110,7 +110,7 @@ def _change(evidence: Evidence, joint: int) -> tuple[Float, Float]:
     if evidence.robot.limits.wraps[joint]:
         step = shortest(step)
     change = step[same] / time[same]
-    return change, 0.5 * (velocity[1:] + velocity[:-1])[same]
+    return change, 0.5 * (velocity[1:] + velocity[:-1])[same], time[same]
 
 
 def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
@@ -119,43 +119,71 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
     name, position = evidence.names[joint], evidence.position[:, joint]
     away = position - position[0]
     travel = float(np.ptp(shortest(away) if evidence.robot.limits.wraps[joint] else away))
-    change, velocity = _change(evidence, joint)
+    change, velocity, time = _change(evidence, joint)
     if travel > MIN_TRAVEL and not velocity.any():
         yield Finding(
             "velocity_zero", ERROR, (name,),
             f"{ALWAYS_ZERO.format(name)} by {travel:.3g} {evidence.robot.limits.unit(joint)}",
-            travel, float("nan"),
-            *remedies.no_velocity(),
+            travel, *remedies.NO_VELOCITY,
         )  # fmt: skip
     if len(change) < MIN_SAMPLES or not change.std() > 1e-3 or not velocity.std() > 1e-4:
         return
     correlation = float(np.corrcoef(change, velocity)[0, 1])
     slope = float(velocity @ change / (change @ change))
+    way = np.abs(velocity) @ time / (np.abs(change) @ time)  # stamps that are rounded leave it
     if correlation < -MIN_FIT:
         yield Finding(
             "velocity_sign", ERROR, (name,),
             f"the velocity of {name} has the opposite sign of the change of its position "
             f"(correlation {correlation:.2f})",
-            correlation, correlation**2,
-            *remedies.corrected(evidence, ("velocity",), (joint,), sign=-1.0),
+            correlation,
         )  # fmt: skip
     elif correlation < MIN_FIT and not evidence.remarks.repeating:
         yield Finding(
             "velocity_unrelated", WARNING, (name,),
             f"the velocity of {name} does not follow its position "
             f"(correlation {correlation:.2f})",
-            correlation, 1.0 - correlation**2,
-            *remedies.no_velocity(),
+            correlation, *remedies.NO_VELOCITY,
         )  # fmt: skip
     elif abs(slope - 1.0) > MAX_SCALE_ERROR and correlation > 0.9:
-        degrees = [unit for unit in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / unit)) < NEAR]
-        scale = 1.0 / (degrees[0] if degrees else slope)
+        if abs(way - 1.0) <= MAX_SCALE_ERROR:
+            yield Finding(
+                STAMPS_UNEVEN, WARNING, (name,),
+                f"the position of {name} changes unevenly from stamp to stamp, its velocity does "
+                "not: stamps are rounded or late",
+                slope, *remedies.RECEIPT,
+            )  # fmt: skip
+            return
         yield Finding(
             "velocity_scale", ERROR, (name,),
             f"the velocity of {name} is {slope:.3g} times the change of its position"
-            + (": one of them is in degrees" if degrees else ""),
-            slope, correlation**2,
-            *remedies.corrected(evidence, ("velocity",), (joint,), scale=scale),
+            + (": one of them is in degrees" if _in_degrees(slope) != slope else ""),
+            slope,
+        )  # fmt: skip
+
+
+def _in_degrees(slope: float) -> float:
+    """The factor of degrees or of radians where a slope is near it, else the slope."""
+    near = [unit for unit in (DEGREES, 1.0 / DEGREES) if abs(np.log(slope / unit)) < NEAR]
+    return near[0] if near else slope
+
+
+def _together(evidence: Evidence, findings: Sequence[Finding]) -> Iterator[Finding]:
+    """One finding, and one line that mends it, for all joints whose velocity has one cause."""
+    for cause in dict.fromkeys(one.cause for one in findings):
+        alike = [one for one in findings if one.cause == cause]
+        names = tuple(name for one in alike for name in one.subject)
+        joints = tuple(map(evidence.names.index, names))
+        remedy = alike[0].remedy, alike[0].remedy_in
+        if cause == "velocity_sign":
+            remedy = remedies.corrected(evidence, ("velocity",), joints, sign=-1.0)
+        elif cause == "velocity_scale":
+            scales = [1.0 / _in_degrees(one.evidence) for one in alike]
+            remedy = remedies.corrected(evidence, ("velocity",), joints, scale=scales)
+        more = f"; likewise that of {', '.join(names[1:])}" if names[1:] else ""
+        yield replace(
+            alike[0], subject=names, sentence=alike[0].sentence + more,
+            remedy=remedy[0], remedy_in=remedy[1],
         )  # fmt: skip
 
 
@@ -209,15 +237,14 @@ def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> Iterator[
         if is_foreign or (_unit(evidence, one) in kinds and not far[one])
     )
     scales = [1.0 / _unit(evidence, one).factor for one in joints]
-    change, velocity = _change(evidence, joint)
+    change, velocity, _ = _change(evidence, joint)
     slope = float(velocity @ change / (change @ change)) if change.any() else 1.0
     sound = slope > 0 and abs(np.log(slope * unit.factor)) < NEAR  # the velocity is in SI
     quantities = ("position",) if sound else ("position", "velocity")
     yield Finding(
         unit.name, ERROR, (evidence.names[joint],),
         f"{_beyond_limits(evidence, joint, beyond)}, and inside them as {unit.name}",
-        beyond, beyond,
-        *remedies.corrected(evidence, quantities, joints, scale=scales),
+        beyond, *remedies.corrected(evidence, quantities, joints, scale=scales),
     )  # fmt: skip
 
 
@@ -225,7 +252,7 @@ def _limits(evidence: Evidence, joint: int) -> Iterator[Finding]:
     if beyond := _outside(evidence, joint):
         yield Finding(
             "position_limit", WARNING, (evidence.names[joint],),
-            _beyond_limits(evidence, joint, beyond), beyond, beyond,
+            _beyond_limits(evidence, joint, beyond), beyond,
             "check the zero and the sign of the joint, or the limits of the URDF",
         )  # fmt: skip
 
@@ -243,10 +270,11 @@ def _rest(evidence: Evidence) -> Iterator[Finding]:
     if not noisy:
         return
     names, worst = tuple(noisy), max(noisy.values())
+    rest = float(f"{4.0 * worst:.1g}")
+    entries = ", ".join(f"{{name: {name}, standstill_velocity: {rest:g}}}" for name in names)
     yield Finding(
         "standstill_velocity", WARNING, names,
         f"at rest the velocity of {', '.join(names)} still varies by up to "
         f"{1e3 * worst:.2g} mrad/s, near or above standstill_velocity: rest is rarely detected",
-        worst, float("nan"),
-        *remedies.standstill(names, float(f"{4.0 * worst:.1g}")),
+        worst, f"joints: [{entries}]", MODEL,
     )  # fmt: skip

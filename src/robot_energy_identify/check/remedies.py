@@ -11,12 +11,14 @@ import yaml
 
 from robot_energy.inputs.joint_states.correction import JointCorrection
 from robot_energy.inputs.meter.source import LOAD_NEGATIVE, LOAD_POSITIVE
-from robot_energy.inputs.parameters import POSITIONS
-from robot_energy.model.payload import Payload
+from robot_energy.inputs.parameters import POSITIONS, RECEIVE
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import MODEL, PARAMETERS
+from robot_energy_identify.check.possible_causes import Cause
 
 Remedy = tuple[str, str]  # line of YAML, file
+NO_VELOCITY: Remedy = f"joint_states: {{velocity_source: {POSITIONS}}}", PARAMETERS
+RECEIPT: Remedy = f"joint_states: {{stamp_source: {RECEIVE}}}", PARAMETERS
 
 
 def corrected(
@@ -42,17 +44,37 @@ def corrected(
     return _joint_states(evidence, other, *quantities)
 
 
-def zero(evidence: Evidence, joints: tuple[int, ...], value: float) -> Remedy:
-    """Return the line that takes a zero off.
-
-    Args:
-        joints: One joint, or two of which the second is off by ``-value``.
-        value: Recorded less true position. [rad]
-    """
-    found = [0.0] * len(evidence.names)
-    for joint, sign in zip(joints, (-1.0, 1.0), strict=False):
-        found[joint] = round(sign * value, 4)
-    return _joint_states(evidence, JointCorrection(zero=tuple(found)), "position")
+def of_cause(evidence: Evidence, cause: Cause) -> Remedy:
+    """Return the line that corrects a cause that was found by trial."""
+    joints, value, source = cause.joints, cause.value, evidence.inputs.joint_states
+    match cause.name:
+        case "torque_sign":
+            return corrected(evidence, ("effort",), joints, sign=-1.0)
+        case "joint_sign":
+            return corrected(evidence, ("position", "velocity"), joints, sign=-1.0)
+        case "torque_scale":
+            return corrected(evidence, ("effort",), joints, scale=1.0 / value)
+        case "effort_meaning":
+            return effort_meaning(cause.choice)
+        case "zero_offset":
+            zero = [0.0] * len(evidence.names)
+            for joint, sign in zip(joints, (-1.0, 1.0), strict=False):
+                zero[joint] = round(sign * value, 4)
+            return _joint_states(evidence, JointCorrection(zero=tuple(zero)), "position")
+        case "joint_order":
+            names, (first, second) = list(source.names_of(evidence.names)), joints
+            names[first], names[second] = names[second], names[first]
+            return f"joint_states: {{joint_names: [{', '.join(names)}]}}", PARAMETERS
+        case "gear_ratio":
+            entry = evidence.model.joints[joints[0]]
+            ratio = f"{{value: {entry.gear_ratio.value / value:.6g}, tag: assumed}}"
+            return f"joints: [{{name: {entry.name}, gear_ratio: {ratio}}}]", MODEL
+        case _:
+            bodies = [one.model_dump(exclude_none=True, mode="json") for one in cause.payload]
+            line = yaml.safe_dump(
+                {"payload": bodies}, default_flow_style=True, width=1000, sort_keys=False
+            )
+            return line.strip().removeprefix("{").removesuffix("}"), MODEL
 
 
 def _joint_states(evidence: Evidence, other: JointCorrection, *quantities: str) -> Remedy:
@@ -64,51 +86,9 @@ def _joint_states(evidence: Evidence, other: JointCorrection, *quantities: str) 
     return f"joint_states: {{{', '.join(lines)}}}", PARAMETERS
 
 
-def no_velocity() -> Remedy:
-    """Return the line that takes velocities from the positions."""
-    return f"joint_states: {{velocity_source: {POSITIONS}}}", PARAMETERS
-
-
 def effort_meaning(meaning: str) -> Remedy:
     """Return the line that states the meaning of the effort."""
     return f"joint_states: {{effort_meaning: {meaning}}}", PARAMETERS
-
-
-def joint_order(evidence: Evidence, first: int, second: int) -> Remedy:
-    """Return the line that exchanges two joints."""
-    names = list(evidence.inputs.joint_states.names_of(evidence.names))
-    names[first], names[second] = names[second], names[first]
-    return f"joint_states: {{joint_names: [{', '.join(names)}]}}", PARAMETERS
-
-
-def gear_ratio(evidence: Evidence, joint: int, factor: float) -> Remedy:
-    """Return the line that gives a joint its gear ratio.
-
-    Args:
-        factor: Ratio of the model over the true one. [-]
-    """
-    entry = evidence.model.joints[joint]
-    ratio = f"{{value: {entry.gear_ratio.value / factor:.6g}, tag: assumed}}"
-    return f"joints: [{{name: {entry.name}, gear_ratio: {ratio}}}]", MODEL
-
-
-def payload(carried: Sequence[Payload]) -> Remedy:
-    """Return the line that gives the robot its payload."""
-    entries = [body.model_dump(exclude_none=True, mode="json") for body in carried]
-    line = yaml.safe_dump(
-        {"payload": entries}, default_flow_style=True, width=1000, sort_keys=False
-    )
-    return line.strip().removeprefix("{").removesuffix("}"), MODEL
-
-
-def standstill(names: tuple[str, ...], value: float) -> Remedy:
-    """Return the line that gives joints their velocity of rest.
-
-    Args:
-        value: Highest velocity that counts as rest. [rad/s] or [m/s]
-    """
-    entries = ", ".join(f"{{name: {name}, standstill_velocity: {value:g}}}" for name in names)
-    return f"joints: [{entries}]", MODEL
 
 
 def meter(evidence: Evidence, sign: bool = False, scale: float = 1.0, delay: float = 0.0) -> Remedy:

@@ -68,9 +68,7 @@ TORQUE, METER = "torque", "power meter"
 class Checks(Described):
     """What the checks of a recording found."""
 
-    findings: Annotated[
-        dict[str, list[Finding]], "By name of the check, in the order in which their causes act."
-    ]
+    findings: Annotated[dict[str, list[Finding]], "By name of the check, as causes act."]
     skipped: Annotated[dict[str, str], "Checks that were not made, with what they lack."]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
@@ -157,13 +155,12 @@ def checks_of(evidence: Evidence) -> Checks:
     remarks = evidence.remarks
     found: dict[str, list[Finding]] = {
         "bag": [
-            Finding("bag", WARNING, ("bag",), text, float("nan"), float("nan"))
-            for text in remarks.problems
+            Finding("bag", WARNING, ("bag",), text) for text in remarks.problems
         ],
         "joint states": [
             Finding("joint_states", ERROR if one.everywhere else WARNING, ("joint_states",),
-                    one.sentence, float("nan"), float("nan"), one.setting,
-                    PARAMETERS if one.setting else "")
+                    one.sentence, remedy=one.setting,
+                    remedy_in=PARAMETERS if one.setting else "")
             for one in remarks.stream
         ],
     }  # fmt: skip
@@ -196,59 +193,46 @@ def _refused(remarks: Remarks, wrong: Sequence[str]) -> list[Finding]:
     reasons = ", ".join(f"{100 * one:.1f} % {reason}" for reason, one in remarks.refused.items())
     if first == CONFLICTING and SAME_STAMP in remarks.refused:
         first = SAME_STAMP  # for which the others are refused
+    settings = [one.setting for one in remarks.stream if first == CONFLICTING and one.setting]
+    remedy = settings[0] if settings else REFUSED.get(first, NO_REASON)[1]
     return [
         Finding("joint_states_refused", ERROR, ("joint_states",),
                 f"{100 * share:.1f} % of the joint states were refused: {reasons}",
-                share, float("nan"), REFUSED.get(first, NO_REASON)[1])
+                share, remedy)
     ]  # fmt: skip
+
+
+def _of_joints(severity: str, *kinds: tuple[str, Sequence[str], str, str]) -> list[Finding]:
+    """Findings by cause, joints, sentence that names them, and remedy; none without joints."""
+    return [
+        Finding(cause, severity, tuple(joints), text.format(", ".join(joints)), remedy=remedy)
+        for cause, joints, text, remedy in kinds
+        if joints
+    ]
 
 
 def _temperatures(evidence: Evidence) -> tuple[list[Finding], str]:
     """Which joints lack a sound temperature, and why that is not known."""
-    remarks = evidence.remarks
+    remarks, degc = evidence.remarks, evidence.temperature_degc
     if remarks.temperatures is None:
         return [], "the recording has no motor temperatures"
+    names = np.array(evidence.names)
+    hot = names[np.count_nonzero(degc > HOT_DEGC, axis=0) > 0.5 * len(degc)].tolist()
+    without = names[~np.isfinite(degc).any(axis=0)].tolist()
     findings = [
-        Finding("temperature", WARNING, ("temperature",), note, float("nan"), float("nan"))
-        for note in remarks.temperatures
+        Finding("temperature", WARNING, ("temperature",), note) for note in remarks.temperatures
     ]
-    if remarks.stuck:
-        findings.append(
-            Finding(
-                "temperature_stuck", WARNING, remarks.stuck,
-                f"the motor temperature of {', '.join(remarks.stuck)} does not change although the "
-                "losses must have warmed it",
-                float(len(remarks.stuck)), float("nan"), "check these sensors",
-            )
-        )  # fmt: skip
-    hot = [
-        name
-        for name, degc in zip(evidence.names, evidence.temperature_degc.T, strict=True)
-        if np.count_nonzero(degc > HOT_DEGC) > 0.5 * len(degc)
-    ]
-    if hot:
-        findings.append(
-            Finding(
-                "temperature_hot", WARNING, tuple(hot),
-                f"the motor temperature of {', '.join(hot)} is above {HOT_DEGC:g} degC most of the "
-                "time: is its unit degrees Fahrenheit?",
-                float(len(hot)), float("nan"), "set unit: fahrenheit of their temperature source",
-            )
-        )  # fmt: skip
-    without = [
-        name
-        for name, degc in zip(evidence.names, evidence.temperature_degc.T, strict=True)
-        if not np.isfinite(degc).any()
-    ]
-    if without:
-        findings.append(
-            Finding(
-                "temperature_missing", WARNING, tuple(without),
-                f"no motor temperature of {', '.join(without)}: friction is taken at "
-                f"{evidence.model.temperature.fallback_degc:g} degC",
-                float(len(without)), float("nan"), "add their source to temperature_sources",
-            )
-        )  # fmt: skip
+    findings += _of_joints(
+        WARNING,
+        ("temperature_stuck", remarks.stuck, "the motor temperature of {} does not change although "
+         "the losses must have warmed it", "check these sensors"),
+        ("temperature_hot", hot, f"the motor temperature of {{}} is above {HOT_DEGC:g} degC most "
+         "of the time: is its unit degrees Fahrenheit?",
+         "set unit: fahrenheit of their temperature source"),
+        ("temperature_missing", without, "no motor temperature of {}: friction is taken at "
+         f"{evidence.model.temperature.fallback_degc:g} degC",
+         "add their source to temperature_sources"),
+    )  # fmt: skip
     return findings, ""
 
 
@@ -259,17 +243,10 @@ def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
     period = float(np.median(np.diff(evidence.stamp_ns))) * 1e-9
     moving = evidence.moving
     findings: list[Finding] = []
-
-    def note(cause: str, joints: list[str], sentence: str, remedy: str) -> None:
-        findings.append(
-            Finding(cause, NOTE, tuple(joints), sentence, float(len(joints)), float("nan"), remedy)
-        )
-
     if evidence.effort is EffortMeaning.NONE or not np.isfinite(evidence.motor_torque).any():
-        note(
-            "no_torque", [], "no measured torque: friction and bodies cannot be identified",
-            f"record the effort, and set {EFFORT}",
-        )  # fmt: skip
+        what = "no measured torque: friction and bodies cannot be identified"
+        remedy = f"record the effort, and set {EFFORT}"
+        findings.append(Finding("no_torque", NOTE, (), what, remedy=remedy))
     short, slow, cold = list[str](), list[str](), list[str]()
     for j, name in enumerate(evidence.names):
         rows = moving[:, j]
@@ -282,33 +259,20 @@ def _excitation(evidence: Evidence) -> tuple[list[Finding], str]:
         degc = evidence.temperature_degc[:, j]
         if not np.isfinite(degc).any() or np.nanmax(degc) - np.nanmin(degc) < MIN_RANGE_DEGC:
             cold.append(name)
-    for cause, joints, what, remedy in (
-        (
-            "too_little_motion", short,
-            f"less than {MIN_MOVING:.0f} s of motion, so that friction cannot be identified",
-            "record longer motions of these joints",
-        ),
-        (
-            "one_speed", slow,
-            "nearly one speed, so that Coulomb and viscous friction cannot be separated",
-            "record slow and fast motions",
-        ),
-        (
-            "one_temperature", cold,
-            f"less than {MIN_RANGE_DEGC:.0f} degC between coldest and warmest, so that no "
-            "temperature law can be identified",
-            "add recordings cold and warm",
-        ),
-    ):  # fmt: skip
-        if joints:
-            note(cause, joints, f"{what}: {', '.join(joints)}", remedy)
+    findings += _of_joints(
+        NOTE,
+        ("too_little_motion", short, f"less than {MIN_MOVING:.0f} s of motion, so that friction "
+         "cannot be identified: {}", "record longer motions of these joints"),
+        ("one_speed", slow, "nearly one speed, so that Coulomb and viscous friction cannot be "
+         "separated: {}", "record slow and fast motions"),
+        ("one_temperature", cold, f"less than {MIN_RANGE_DEGC:.0f} degC between coldest and "
+         "warmest, so that no temperature law can be identified: {}",
+         "add recordings cold and warm"),
+    )  # fmt: skip
     rest = float((~moving.any(axis=1)).sum() * period)
     if evidence.meter is not None and rest < MIN_REST:
-        note(
-            "no_rest", [],
-            f"{rest:.1f} s of rest, so that the constant losses cannot be identified",
-            "record a few seconds of rest",
-        )  # fmt: skip
+        what = f"{rest:.1f} s of rest, so that the constant losses cannot be identified"
+        findings.append(Finding("no_rest", NOTE, (), what, remedy="record a few seconds of rest"))
     return findings, ""
 
 

@@ -14,8 +14,7 @@ from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError
-from robot_energy.physics.cabinet import FanStage
-from robot_energy.physics.drive import Drive
+from robot_energy.physics.drives_and_cabinet import Drive, FanStage
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque

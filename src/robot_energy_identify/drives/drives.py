@@ -1,6 +1,7 @@
 """Electrical power of the drives: efficiency maps and loss model, tested on held-out data.
 
-Every way runs through `robot_energy.physics.drive`, so what is tested is what the monitor runs.
+Every way runs through `robot_energy.physics.drives_and_cabinet`, so what is tested is what the
+monitor runs.
 Energy accuracy is ``1 - |E_predicted - E_measured| / E_measured`` with ``E`` the sum over
 the drives of the power integrated over the held-out time, braking negative (paper B, 7.3).
 """

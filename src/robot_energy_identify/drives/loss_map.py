@@ -14,7 +14,7 @@ import numpy as np
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import LossMap
-from robot_energy.physics.drive import equal_heat_torque, knot_cells
+from robot_energy.physics.drives_and_cabinet import equal_heat_torque, knot_cells
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT
 

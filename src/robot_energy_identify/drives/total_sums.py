@@ -143,7 +143,7 @@ def _columns(data: DriveData, model: RobotModel | None) -> Float:
     """Shaft power, drives as given and measured, terms, shares, viscous, fan; (N, 4 + 5 n)."""
     given = np.full(len(data), np.nan)
     if model is not None:
-        from robot_energy.physics.drive import drive_from_model
+        from robot_energy.physics.drives_and_cabinet import drive_from_model
 
         given = data.input_power(drive_from_model(model)).sum(axis=1)
     measured = data.drive_power.sum(axis=1)

@@ -136,10 +136,22 @@ def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
         text = f"in the Coulomb torque, which holds at {low:.3g} to {high:.3g} rad/s"
         text += f": {source}" if source else ""
         none = PositiveFigure(value=0.0, tag="assumed", source=text)
-        return ConstantLaw(law="constant", viscous=none), fit
+        return constant_law(none, data.motor_temperature_degc), fit
     fit = regress_friction(data, np.ones((len(data), 1)), ["viscous"])
     value, std = float(fit.values[1]), float(fit.std[1])
-    return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit
+    return constant_law(identified(value, std, source), data.motor_temperature_degc), fit
+
+
+def constant_law(viscous: PositiveFigure, degc: Float) -> ConstantLaw:
+    """A constant for the temperatures of its samples, and those that do not differ from them.
+
+    Args:
+        degc: Of the samples; NaN where they are not known. [degC]
+    """
+    low, high = float(np.min(degc)), float(np.max(degc))
+    fitted = (round(min(low, high - MIN_RANGE), 1), round(max(high, low + MIN_RANGE), 1))
+    known = bool(np.isfinite([low, high]).all())
+    return ConstantLaw(law="constant", viscous=viscous, fitted_degc=fitted if known else None)
 
 
 def _without_viscous(fit: Fit) -> Fit:
@@ -193,7 +205,8 @@ def fit_falling(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit, Stri
         torque=identified(torque, torque_std, source),
         velocity=PositiveFigure(value=velocity, tag="identified", source=source),
     )
-    return ConstantLaw(law="constant", viscous=identified(value, std, source)), fit, term
+    law = constant_law(identified(value, std, source), data.motor_temperature_degc)
+    return law, fit, term
 
 
 def _falling_shape(data: FrictionData, velocity: float, viscous: bool) -> Float:

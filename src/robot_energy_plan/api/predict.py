@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
@@ -24,36 +25,24 @@ from robot_energy_plan.prediction import Prediction
 from robot_energy_plan.results.prediction import PredictionReport, prediction_report
 
 
-@dataclass(frozen=True)
-class PredictionResult(Shown):
-    """The energy of a motion that has not been made.
+class PredictionResult(Described, Shown):
+    """The energy of a motion that has not been made."""
 
-    Attributes:
-        program: Name of the motion.
-        model: The model used.
-        duration: Of all repetitions. [s]
-        power: Mean power over short periods, with the columns of a replay but those of the
-            meter; stamps begin at 1 s.
-        energy: Where the energy will go.
-        joints: The same per joint, in model order.
-        phases: Time and energy by phase: ``hold``, ``motion``, ``generating``.
-        notes: What a reader should know, one sentence each.
-        problems: What makes the figures doubtful, one sentence each.
-        report: All figures, those above among them.
-        prediction: The accounting behind the figures.
-    """
-
-    program: str
-    model: RobotModel
-    duration: float
-    power: TimeSeries
-    energy: EnergyBreakdown
-    joints: tuple[JointEnergy, ...]
-    phases: dict[str, PhaseEnergy]
-    notes: tuple[str, ...]
-    problems: tuple[str, ...]
-    report: PredictionReport = field(repr=False)
-    prediction: Prediction = field(repr=False)
+    program: Annotated[str, "Name of the motion."]
+    model: Annotated[RobotModel, "The model used."]
+    duration: Annotated[float, "Of all repetitions. [s]"]
+    power: Annotated[
+        TimeSeries,
+        "Mean power over short periods, with the columns of a replay but those of the meter; "
+        "stamps begin at 1 s.",
+    ]
+    energy: Annotated[EnergyBreakdown, "Where the energy will go."]
+    joints: Annotated[tuple[JointEnergy, ...], "The same per joint, in model order."]
+    phases: Annotated[dict[str, PhaseEnergy], "By phase: ``hold``, ``motion``, ``generating``."]
+    notes: Annotated[tuple[str, ...], "What a reader should know, one sentence each."]
+    problems: Annotated[tuple[str, ...], "What makes the figures doubtful, one sentence each."]
+    report: Annotated[PredictionReport, "All figures, those above among them."] = field(repr=False)
+    prediction: Annotated[Prediction, "The accounting behind the figures."] = field(repr=False)
 
     def __repr__(self) -> str:
         return (

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any, Unpack
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
@@ -15,8 +16,8 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.joint_trajectory import holds_trajectory
 from robot_energy_plan.motion.load_motion import BAG, load_motion
-from robot_energy_plan.optimization.forms import holds_trajectory
 from robot_energy_plan.options import SharedBusOptions
 from robot_energy_plan.results.shared_bus import SharedBusReport, shared_bus_report
 from robot_energy_plan.shared_bus import (
@@ -30,17 +31,11 @@ MAX_ROBOTS = 50
 OF_PROGRAMS, OF_BOTH = {"cycle_time", "temperature"}, {"topic", "tool", "progress"}
 
 
-@dataclass(frozen=True)
-class SharedBusResult(Shown):
-    """What several robots save on one DC bus.
+class SharedBusResult(Described, Shown):
+    """What several robots save on one DC bus."""
 
-    Attributes:
-        report: All figures.
-        robots: Each with its power over time.
-    """
-
-    report: SharedBusReport
-    robots: tuple[BusRobot, ...] = field(repr=False)
+    report: Annotated[SharedBusReport, "All figures."]
+    robots: Annotated[tuple[BusRobot, ...], "Each with its power over time."] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy shared-bus``."""

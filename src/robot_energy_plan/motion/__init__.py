@@ -2,9 +2,15 @@
 
 from robot_energy_plan.motion.fourier import FourierBasis, FourierMotion
 from robot_energy_plan.motion.inverse_kinematics import InverseKinematics
-from robot_energy_plan.motion.ptp import JointMotion, MotionLimits, Profile, Trajectory
-from robot_energy_plan.motion.ptp_loop import Program, random_program, tool_above
-from robot_energy_plan.motion.sequence import Sequence
+from robot_energy_plan.motion.ptp import (
+    JointMotion,
+    MotionLimits,
+    Profile,
+    Program,
+    Trajectory,
+    random_program,
+    tool_above,
+)
 
 __all__ = [
     "FourierBasis",
@@ -14,7 +20,6 @@ __all__ = [
     "MotionLimits",
     "Profile",
     "Program",
-    "Sequence",
     "Trajectory",
     "random_program",
     "tool_above",

@@ -78,11 +78,6 @@ class FourierMotion:
     """
 
     def __init__(self, basis: FourierBasis, weights: Float) -> None:
-        if weights.ndim != 2 or len(weights) != basis.size or not np.isfinite(weights).all():
-            raise MotionError(
-                f"the weights have shape {weights.shape} or are not finite",
-                f"{basis.size} finite weights per joint",
-            )
         self.basis = basis
         self.weights = weights.copy()
         self.n_joints, self.period = weights.shape[1], basis.period

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion.gcode_arcs import MAX_TURNS, PLANES, arc_shape
@@ -23,7 +24,7 @@ from robot_energy_plan.motion.gcode_flavors import (
     FoundFlavor,
 )
 from robot_energy_plan.motion.gcode_words import Word, named_command, words_of
-from robot_energy_plan.motion.tool_path import CLOSED, Arc, Dwell, LineSegment, Point, Segment
+from robot_energy_plan.motion.tool_corners import CLOSED, Arc, Dwell, LineSegment, Point, Segment
 
 MAX_SEGMENTS = 500_000
 MAX_NOTES = 50  # different codes that are named
@@ -41,15 +42,10 @@ KNOWN_G = MOTIONS | {4, 20, 21, 90, 91, 92} | set(PLANES) | set(LEFT_OUT) | set(
 
 @dataclass
 class ProgramMachine:
-    """The modal state of an interpreter.
-
-    Attributes:
-        rapid_speed: Speed of G0 where no F counts for it. [m/s]
-        noted: Codes that were left out, and how often they stood in the program.
-    """
+    """The modal state of an interpreter."""
 
     name: str
-    rapid_speed: float
+    rapid_speed: Annotated[float, "Speed of G0 where no F counts for it. [m/s]"]
     found: FoundFlavor
     position: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m, of the machine
     offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # m, by G92
@@ -73,7 +69,9 @@ class ProgramMachine:
     turns: int = 0  # of arcs beyond their first
     line: int = 0
     segments: list[Segment] = field(default_factory=list[Segment])
-    noted: Counter[str] = field(default_factory=Counter[str])
+    noted: Annotated[
+        Counter[str], "Codes that were left out, and how often they stood in the program."
+    ] = field(default_factory=Counter[str])
 
     @property
     def flavor(self) -> Flavor:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import io
 import re
 from dataclasses import dataclass
+from typing import Annotated
 
 from robot_energy.foundation.errors import MotionError
 
@@ -46,14 +47,10 @@ DECIMALS = 3  # of a feed in mm or inch per minute
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """A letter and a number.
-
-    Attributes:
-        value: As written, in the unit of the program.
-    """
+    """A letter and a number."""
 
     letter: str
-    value: float
+    value: Annotated[float, "As written, in the unit of the program."]
 
     def __str__(self) -> str:
         return f"{self.letter}{self.value:g}"

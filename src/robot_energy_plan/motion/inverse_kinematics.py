@@ -45,9 +45,6 @@ class InverseKinematics:
             paper B leaves out the print axis: heights are not looked at.
         orientation: Rotation of the tool in the base frame, for six or more joints; None: as
             at the start. Shape (3, 3). [-]
-
-    Attributes:
-        structure: ``gantry``, ``planar`` or ``spatial``.
     """
 
     def __init__(
@@ -59,35 +56,13 @@ class InverseKinematics:
         lifted: bool = False,
         orientation: Float | None = None,
     ) -> None:
-        self.robot = robot
-        self.link = link
-        self._weight = (
-            np.ones(robot.n_joints) if weight is None else np.asarray(weight, dtype=float)
-        )
-        if (
-            self._weight.shape != (robot.n_joints,)
-            or not (np.isfinite(self._weight) & (self._weight > 0)).all()
-        ):
-            raise MotionError(
-                f"the weights of the joints are {self._weight.tolist()}",
-                f"{robot.n_joints} finite figures > 0",
-            )
-        self._lifted = lifted
-        self._orientation = None if orientation is None else _rotation(orientation)
+        self.robot, self.link = robot, link
+        self._weight = np.ones(robot.n_joints) if weight is None else weight
+        self._lifted, self._orientation = lifted, orientation
         self._planar = PlanarArm.of_robot(robot, link)
-        unknown = [name for name in held if name not in robot.joint_names]
-        if unknown:
-            raise MotionError(
-                f"the robot has no joint {', '.join(unknown)} to hold",
-                ", ".join(robot.joint_names),
-            )
-        self._free = [k for k, name in enumerate(robot.joint_names) if name not in set(held)]
+        self._free = [k for k, name in enumerate(robot.joint_names) if name not in held]
         if self._planar is not None:
-            self.structure = "planar"
-            if len(self._free) < 2:
-                raise MotionError(
-                    f"{len(self._free)} joint of the planar arm is free", "at least two"
-                )
+            self.structure = "planar"  # gantry, planar or spatial
         elif robot.limits.prismatic.all() and robot.n_joints == 3:
             self.structure = "gantry"
         elif robot.n_joints >= SPATIAL_JOINTS:
@@ -97,11 +72,6 @@ class InverseKinematics:
                 f"a robot of {robot.n_joints} joints that is neither a gantry of three "
                 "prismatic joints nor a planar arm",
                 "one of these, or six joints or more",
-            )
-        if (held or lifted) and self.structure != "planar":
-            raise MotionError(
-                f"a {self.structure} robot with joints held or its height left out",
-                "these options with planar arms only",
             )
 
     def solve(self, tool_position: Float, start: Float) -> Float:
@@ -113,29 +83,14 @@ class InverseKinematics:
                 wrist sides, the positions of held joints, and the reference of redundant ones.
                 Shape (n,). [rad] or [m]
         """
-        wanted = np.asarray(tool_position, dtype=np.float64)
-        begin = np.asarray(start, dtype=np.float64)
-        if wanted.ndim != 2 or wanted.shape[1] != 3 or not len(wanted):
-            raise MotionError(f"tool positions of shape {wanted.shape}", "(N, 3) with N >= 1")
-        if begin.shape != (self.robot.n_joints,) or not np.isfinite(begin).all():
-            raise MotionError(
-                f"the start is {begin.tolist()}",
-                f"one finite figure for each of {self.robot.n_joints} joints",
-            )
-        finite = np.isfinite(wanted).all(axis=1)
-        if not finite.all():
-            row = int(np.argmin(finite))
-            raise MotionError(
-                f"point {row + 1} of the tool path is {wanted[row].tolist()}", "finite figures"
-            )
         if self._planar is not None:
-            found = self._solve_planar(self._planar, wanted, begin)
+            found = self._solve_planar(self._planar, tool_position, start)
         elif self.structure == "gantry":
-            found = self._solve_gantry(wanted, begin)
+            found = self._solve_gantry(tool_position, start)
         else:
-            found = self._solve_spatial(wanted, begin)
-        self._check_limits(wanted, found)
-        self._check_jumps(wanted, found)
+            found = self._solve_spatial(tool_position, start)
+        self._check_limits(tool_position, found)
+        self._check_jumps(tool_position, found)
         return found
 
     def _solve_gantry(self, wanted: Float, begin: Float) -> Float:
@@ -160,9 +115,7 @@ class InverseKinematics:
         far = (distance > greatest) | (distance < least)
         if far.any():
             row = int(np.argmax(far))
-            raise self._unreachable(
-                wanted, row, float(distance[row]), least, greatest, self._free[0]
-            )
+            raise self._refused(wanted, row, float(distance[row]), greatest, self._free[0], least)
         if len(self._free) == 2:
             found = arm.two_free(place, begin, self._free)
         else:
@@ -170,7 +123,8 @@ class InverseKinematics:
         lost = np.isnan(found).any(axis=1)
         if lost.any():
             row = int(np.argmax(lost))
-            raise self._singular(wanted, row, float(distance[row]), greatest, self._free[0])
+            away = float(distance[row])
+            raise self._refused(wanted, row, away, greatest, self._free[0], how="is singular")
         return found
 
     def _solve_spatial(self, wanted: Float, begin: Float) -> Float:
@@ -181,18 +135,16 @@ class InverseKinematics:
         posture = begin
         for row, place in enumerate(wanted):
             posture, missed, least = self._approach(place, orientation, posture)
-            if missed > IN_PLACE:
+            if missed > IN_PLACE or least < SINGULAR:
                 origins = self.robot.joint_origins(posture)
-                tool = self.robot.link_pose(posture, self.link)[0]
-                chain = np.vstack([origins, tool])
+                chain = np.vstack([origins, self.robot.link_pose(posture, self.link)[0]])
                 reach = float(np.linalg.norm(np.diff(chain, axis=0), axis=1).sum())
                 away = float(np.linalg.norm(place - origins[0]))
-                if away > reach:
-                    raise self._unreachable(wanted, row, away, 0.0, reach, 0)
-                raise self._singular(wanted, row, away, reach, 0, missed)
-            if least < SINGULAR:
-                away = float(np.linalg.norm(place - self.robot.joint_origins(posture)[0]))
-                raise self._singular(wanted, row, away, float("nan"), 0)
+                lost = missed > IN_PLACE
+                how = f"is missed by {missed:.3g} m or rad" if lost else "is singular"
+                raise self._refused(
+                    wanted, row, away, reach, 0, how=how * (away <= reach or not lost)
+                )
             found[row] = posture
         return found
 
@@ -243,31 +195,29 @@ class InverseKinematics:
                 "begin with another configuration, or move the work piece",
             )
 
-    def _unreachable(
-        self, wanted: Float, row: int, away: float, least: float, greatest: float, joint: int
-    ) -> MotionError:
-        return MotionError(
-            f"{_point(wanted, row)} lies {away:.4g} m from {self.robot.joint_names[joint]}",
-            f"{least:.4g} to {greatest:.4g} m, the reach of {self.link}",
-            "move the work piece or the robot",
-        )
-
-    def _singular(
+    def _refused(
         self,
         wanted: Float,
         row: int,
         away: float,
         reach: float,
         joint: int,
-        missed: float | None = None,
+        least: float = 0.0,
+        how: str = "",
     ) -> MotionError:
-        how = "is singular" if missed is None else f"is missed by {missed:.3g} m or rad"
-        text = f", reach {reach:.4g} m" if np.isfinite(reach) else ""
+        """Why a place is refused; ``how`` is empty where it is out of reach."""
+        point, name = _point(wanted, row), self.robot.joint_names[joint]
+        if how:
+            return MotionError(
+                f"{point} {how}: it lies {away:.4g} m from {name}, reach {reach:.4g} m",
+                "points that the tool reaches in this orientation, clear of stretched "
+                "configurations",
+                "move the work piece, or begin with another configuration",
+            )
         return MotionError(
-            f"{_point(wanted, row)} {how}: it lies {away:.4g} m from "
-            f"{self.robot.joint_names[joint]}{text}",
-            "points that the tool reaches in this orientation, clear of stretched configurations",
-            "move the work piece, or begin with another configuration",
+            f"{point} lies {away:.4g} m from {name}",
+            f"{least:.4g} to {reach:.4g} m, the reach of {self.link}",
+            "move the work piece or the robot",
         )
 
 
@@ -294,14 +244,3 @@ def rotation_vector(rotation: Float) -> Float:
 def _point(wanted: Float, row: int) -> str:
     x, y, z = wanted[row]
     return f"point {row + 1} of the tool path, ({x:.4g}, {y:.4g}, {z:.4g}) m,"
-
-
-def _rotation(orientation: Float) -> Float:
-    matrix = np.asarray(orientation, dtype=np.float64)
-    if (
-        matrix.shape != (3, 3)
-        or not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-9)
-        or np.linalg.det(matrix) < 0
-    ):
-        raise MotionError(f"the orientation is {matrix.tolist()}", "a rotation matrix (3, 3)")
-    return matrix

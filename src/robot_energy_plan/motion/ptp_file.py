@@ -15,8 +15,7 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.model.figure import ModelEntry, Number
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, MotionLimits
-from robot_energy_plan.motion.ptp_loop import Program
+from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, MotionLimits, Program
 
 MAX_VIAS = 10_000
 RAMP = 0.5  # s to full speed, where nobody gave an acceleration

@@ -1,4 +1,4 @@
-"""Tool path -> pieces of constant curvature: corners rounded within a tolerance.
+"""Tool path, as a program states it -> pieces of constant curvature, corners rounded.
 
 A corner between two lines turning by ``theta`` is replaced by a circle of radius ``r``
 tangent to both. It passes the corner at the distance ``r (1 / cos(theta/2) - 1)``, which is
@@ -13,13 +13,114 @@ Every piece is ``p(s) = c + r (u cos(k s) + w sin(k s)) + d s`` of its way ``s``
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_plan.motion.tool_path import Arc, Dwell, LineSegment, Point, Segment, ToolPath
+
+Point = tuple[float, float, float]  # x, y, z [m]
+Plane = tuple[int, int, int]
+HORIZONTAL: Plane = (0, 1, 2)
+
+CLOSED = 1e-9  # m: ends that are nearer than this are the same point
+
+
+@dataclass(frozen=True, slots=True)
+class LineSegment:
+    """A straight move."""
+
+    start: Annotated[Point, "Where it begins. [m]"]
+    end: Annotated[Point, "Where it ends. [m]"]
+    speed: Annotated[float, "Commanded path speed, > 0. [m/s]"]
+    source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
+    rapid: Annotated[bool, "Whether it was commanded as a positioning move (G0)."] = False
+    extruding: bool = False
+
+    @property
+    def length(self) -> float:
+        """Length of the way. [m]"""
+        return math.dist(self.start, self.end)
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A circular move about an axis of the frame; a helix where it also moves along it."""
+
+    start: Annotated[Point, "Where it begins. [m]"]
+    end: Annotated[Point, "Where it ends. [m]"]
+    centre: Annotated[tuple[float, float], "Coordinates of the axis; x and y if vertical. [m]"]
+    angle: Annotated[float, "Swept, positive from the first axis of the plane to the second. [rad]"]
+    speed: Annotated[float, "Commanded path speed, > 0. [m/s]"]
+    source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
+    extruding: bool = False
+    plane: Annotated[Plane, "The two axes of its plane and that across."] = HORIZONTAL
+
+    def flat(self, point: Point) -> tuple[float, float]:
+        """Return the coordinates of a point in the plane. [m]"""
+        return point[self.plane[0]], point[self.plane[1]]
+
+    @property
+    def radius(self) -> float:
+        """Distance from the axis. [m]"""
+        return math.dist(self.flat(self.start), self.centre)
+
+    @property
+    def rise(self) -> float:
+        """Way along the axis. [m]"""
+        return self.end[self.plane[2]] - self.start[self.plane[2]]
+
+    @property
+    def length(self) -> float:
+        """Length of the way. [m]"""
+        return math.hypot(self.radius * self.angle, self.rise)
+
+
+@dataclass(frozen=True, slots=True)
+class Dwell:
+    """A rest."""
+
+    time: Annotated[float, "How long, >= 0. [s]"]
+    source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
+
+
+Segment = LineSegment | Arc | Dwell
+
+
+@dataclass(frozen=True)
+class ToolPath:
+    """A sequence of segments, each beginning where the one before ends."""
+
+    segments: Sequence[Segment]
+    name: str = "the tool path"
+
+    def __post_init__(self) -> None:
+        if all(isinstance(segment, Dwell) for segment in self.segments):
+            raise MotionError(
+                f"{self.name} moves nothing", "at least one move (G1, G2 or G3) to a new position"
+            )
+
+    @property
+    def length(self) -> float:
+        """Length of all moves. [m]"""
+        return math.fsum(s.length for s in self.segments if not isinstance(s, Dwell))
+
+    @property
+    def printed_length(self) -> float:
+        """Length of the moves during which material flows. [m]
+
+        Where no move extrudes, as in programs for pumped material, the length of all moves
+        but the rapid ones.
+        """
+        moves = [s for s in self.segments if not isinstance(s, Dwell)]
+        if any(move.extruding for move in moves):
+            return math.fsum(move.length for move in moves if move.extruding)
+        return math.fsum(m.length for m in moves if isinstance(m, Arc) or not m.rapid)
+
 
 TANGENT = 1e-6  # rad: a smaller corner is rounding
 NEARLY_TANGENT = 0.02  # rad: up to here an unrounded corner is passed, slowly enough
@@ -36,33 +137,20 @@ ZERO: Any = (0.0, 0.0, 0.0)
 
 
 class PathPieces(NamedTuple):
-    """Pieces of a path in order, shape (K,) or (K, 3); while it is followed, one of them.
+    """Pieces of a path in order, shape (K,) or (K, 3); while it is followed, one of them."""
 
-    Attributes:
-        length: Length of each, 0 for a dwell. [m]
-        origin: c. [m]
-        radius: r. [m]
-        rate: k. [rad/m]
-        drift: d. [-]
-        commanded: Speed by command. [m/s]
-        speed: Greatest speed, by command and curvature. [m/s]
-        acceleration: Greatest acceleration along the path; 0 on rounded corners. [m/s^2]
-        entry: Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]
-        dwell: Rest, of dwells alone. [s]
-    """
-
-    length: Float = NOTHING
-    origin: Float = ZERO
-    radius: Float = NOTHING
-    rate: Float = NOTHING
+    length: Annotated[Float, "Length of each, 0 for a dwell. [m]"] = NOTHING
+    origin: Annotated[Float, "c. [m]"] = ZERO
+    radius: Annotated[Float, "r. [m]"] = NOTHING
+    rate: Annotated[Float, "k. [rad/m]"] = NOTHING
     first: Float = ZERO
     second: Float = ZERO
-    drift: Float = ZERO
-    commanded: Float = NOTHING
-    speed: Float = NOTHING
-    acceleration: Float = NOTHING
-    entry: Float = NOTHING
-    dwell: Float = NOTHING
+    drift: Annotated[Float, "d. [-]"] = ZERO
+    commanded: Annotated[Float, "Speed by command. [m/s]"] = NOTHING
+    speed: Annotated[Float, "Greatest speed, by command and curvature. [m/s]"] = NOTHING
+    acceleration: Annotated[Float, "Greatest along the path; 0 on corners. [m/s^2]"] = NOTHING
+    entry: Annotated[Float, "Greatest speed at the begin; 0: stop, shape (K + 1,). [m/s]"] = NOTHING
+    dwell: Annotated[Float, "Rest, of dwells alone. [s]"] = NOTHING
     source_line: Int = NOTHING
 
 

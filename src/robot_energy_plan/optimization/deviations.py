@@ -26,14 +26,36 @@ from robot_energy.certainty.figure_deviations import FigureDeviations, known_tog
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy.physics.cabinet import FanStage
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import FanStage, drive_from_model
 from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import Output
-from robot_energy.timeline.blocks import Float
-from robot_energy_plan.consecutive import ConsecutiveBlocks
+from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock
+
+
+class ConsecutiveBlocks:
+    """Puts the last row of the block before in front of each block."""
+
+    def __init__(self) -> None:
+        self._last: PowerBlock | None = None
+
+    def joined(self, block: PowerBlock) -> tuple[PowerBlock, Float]:
+        """Return the block with that row in front, and the time from each row to the next.
+
+        Args:
+            block: In time order, shape (N,).
+
+        Returns:
+            Block of shape (N + 1,), of (N,) the first time; times of shape one less, 0 where a
+            gap divides two rows. [s]
+        """
+        if self._last is not None:
+            block = PowerBlock.concatenate([self._last, block])
+        self._last = block[slice(len(block) - 1, None)]
+        time = np.diff(block.stamp_ns) * NANOSECOND
+        return block, np.where(np.diff(block.segment) == 0, time, 0.0)
+
 
 KNOTS = np.array([0.0, 0.15, 0.5, 1.0])
 """Speeds over that of the limit, between which the missing form of the losses is linear. [-]"""

@@ -15,7 +15,7 @@ from robot_energy_plan.motion.gcode_words import with_feed
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.motion.load_motion import ToolOptions, tool_program
 from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, Trajectory
-from robot_energy_plan.optimization.candidates import Candidates, Moves
+from robot_energy_plan.optimization.chain import Candidates, Moves
 from robot_energy_plan.optimization.program_form import WrittenTrajectory
 
 FEEDS = np.array([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])  # shares of the greatest factor [-]

@@ -14,9 +14,16 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.kinds import Kind, Kinds
 from robot_energy.model.figure import PositiveFigure
 from robot_energy_plan.optimization.chain import PowerChain
-from robot_energy_plan.optimization.plan import Cost, CyclePlan, Saving, saving
 from robot_energy_plan.optimization.rest_states import RestState
-from robot_energy_plan.optimization.search import cheapest, front, uniform
+from robot_energy_plan.optimization.search import (
+    Cost,
+    CyclePlan,
+    Saving,
+    cheapest,
+    front,
+    saving,
+    uniform,
+)
 from robot_energy_plan.optimization.task import Task
 
 
@@ -160,12 +167,8 @@ class Optimum(Described):
     tried: tuple[Tried, ...]
     plan: Annotated[CyclePlan, "The choice: all measures that change the program, together."]
     cost: Cost
-    saving: Annotated[
-        Saving, "Over the program as it is; of the program alone, without another supply."
-    ]
-    front: Annotated[
-        list[tuple[CyclePlan, Cost]], "Plans without wait, from fast to slow, and what they cost."
-    ]
+    saving: Annotated[Saving, "Over the program as it is, without another supply."]
+    front: Annotated[list[tuple[CyclePlan, Cost]], "Plans without wait, fast to slow; their cost."]
 
 
 def optimise(task: Task) -> Optimum:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import yaml
@@ -12,13 +13,12 @@ import yaml
 from robot_energy.foundation.files.output_files import COMMENT, TEXT, write_file
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory, write_csv, write_trajectory
 from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
 from robot_energy_plan.motion.ptp_file import ProgramFile, program_for, read_program
-from robot_energy_plan.motion.trajectory_io import write_csv, write_trajectory
-from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
-from robot_energy_plan.optimization.plan import CyclePlan
+from robot_energy_plan.optimization.chain import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
+from robot_energy_plan.optimization.search import CyclePlan
 from robot_energy_plan.optimization.task import ProgramMoves, Task
 
 MIN_JERK_TIME = 0.01  # s, over which a time law builds up acceleration where nothing is stated
@@ -27,20 +27,14 @@ DIGITS = 6  # of shares in a file, after the point
 
 @dataclass(kw_only=True)
 class ProgramForm(ProgramMoves, ABC):
-    """A program of one robot.
-
-    Attributes:
-        acceleration: Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]
-        jerk: Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]
-        recorded: Whether it is a recording of what the robot has done.
-    """
+    """A program of one robot."""
 
     robot: Robot
     labels: tuple[str, ...]
-    acceleration: Float
-    jerk: Float
+    acceleration: Annotated[Float, "Limits of acceleration, shape (n,). [rad/s^2] or [m/s^2]"]
+    jerk: Annotated[Float, "Limits of jerk, shape (n,). [rad/s^3] or [m/s^3]"]
     notes: tuple[str, ...]
-    recorded: bool = False
+    recorded: Annotated[bool, "Whether it is a recording of what the robot has done."] = False
 
     def motion(self, task: Task, plan: CyclePlan) -> SampledMotion:
         """Return a plan as a motion for a prediction."""

@@ -20,24 +20,15 @@ class RestState(ModelEntry):
     """A way to rest other than with drives that hold the robot.
 
     All shares are of the power of the robot at rest on its brakes.
-
-    Attributes:
-        name: As controllers and tables call it.
-        power: Share that is left. [-]
-        power_std: Its standard deviation. [-]
-        wake_time: From there to ready. [s]
-        wake_power: Share while it wakes up. [-]
-        wake_power_std: Its standard deviation. [-]
-        source: Where the figures come from.
     """
 
-    name: Annotated[str, Field(min_length=1)]
-    power: Share
-    power_std: Share = 0.0
-    wake_time: Annotated[Number, Field(ge=0, le=3600)]
-    wake_power: Share = 1.0
-    wake_power_std: Share = 0.0
-    source: str = ""
+    name: Annotated[Annotated[str, Field(min_length=1)], "As controllers and tables call it."]
+    power: Annotated[Share, "Share that is left. [-]"]
+    power_std: Annotated[Share, "Its standard deviation. [-]"] = 0.0
+    wake_time: Annotated[Annotated[Number, Field(ge=0, le=3600)], "From there to ready. [s]"]
+    wake_power: Annotated[Share, "Share while it wakes up. [-]"] = 1.0
+    wake_power_std: Annotated[Share, "Its standard deviation. [-]"] = 0.0
+    source: Annotated[str, "Where the figures come from."] = ""
 
 
 class RestStatesFile(ModelEntry):
@@ -75,9 +66,7 @@ class RestCost(Described):
     """Energy of a rest in a state as a share of the energy of the same rest on brakes."""
 
     held: Annotated[float, "Seconds on brakes that cost as much. [s]"]
-    power_error: Annotated[
-        float, "Its error by one standard deviation of the power, as such seconds. [s]"
-    ]
+    power_error: Annotated[float, "Its error by a standard deviation of the power, likewise. [s]"]
     wake_error: Annotated[float, "The same of the power while it wakes up. [s]"]
 
 

@@ -12,10 +12,18 @@ from numpy.typing import NDArray
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_plan.optimization.candidates import ACCELERATIONS, SPEEDS, Candidates, Moves, grid
-from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain, Use
-from robot_energy_plan.optimization.plan import CostTable, CyclePlan
+from robot_energy_plan.optimization.chain import (
+    ACCELERATIONS,
+    SPEEDS,
+    TORQUE_SHARE,
+    Candidates,
+    Moves,
+    PowerChain,
+    Use,
+    grid,
+)
 from robot_energy_plan.optimization.rest_states import RestState
+from robot_energy_plan.optimization.search import CostTable, CyclePlan
 
 NEAR = np.array([0.85, 0.92, 1.0, 1.08, 1.16])  # shares around a choice, over its own [-]
 PERCENT = 100.0  # shares are whole per cent, as robot languages take them
@@ -23,22 +31,18 @@ PERCENT = 100.0  # shares are whole per cent, as robot languages take them
 
 @dataclass(kw_only=True)
 class ProgramMoves:
-    """What a program does.
-
-    Attributes:
-        base: How the moves are made now, in their order.
-        needed: Rest before each move, shape (K,). [s]
-        joint_position: Where, shape (K, n). [rad] or [m]
-        speeds: Shares of speed that are tried, shape (S,). [-]
-        accelerations: Shares of acceleration that are tried, shape (A,). [-]
-    """
+    """What a program does."""
 
     moves: Moves
-    base: Candidates
-    needed: Float
-    joint_position: Float
-    speeds: Float = field(default_factory=SPEEDS.copy)
-    accelerations: Float = field(default_factory=ACCELERATIONS.copy)
+    base: Annotated[Candidates, "How the moves are made now, in their order."]
+    needed: Annotated[Float, "Rest before each move, shape (K,). [s]"]
+    joint_position: Annotated[Float, "Where, shape (K, n). [rad] or [m]"]
+    speeds: Annotated[Float, "Shares of speed that are tried, shape (S,). [-]"] = field(
+        default_factory=SPEEDS.copy
+    )
+    accelerations: Annotated[Float, "Shares of acceleration that are tried, shape (A,). [-]"] = (
+        field(default_factory=ACCELERATIONS.copy)
+    )
 
 
 class Task(Described):
@@ -48,9 +52,7 @@ class Task(Described):
     moves: Moves
     table: CostTable
     base: CyclePlan
-    allowed: Annotated[
-        NDArray[np.bool_], "Candidates within the limits of torque and peak power, shape (P,)."
-    ]
+    allowed: Annotated[NDArray[np.bool_], "Candidates within torque and peak power, shape (P,)."]
     needed: Annotated[Float, "Rest before each move that the work needs, shape (K,). [s]"]
     cycle_time: Annotated[float | None, "Of one cycle; None: the next one begins at once. [s]"]
     peak_limit: Annotated[float, "Of the power from the grid. [W]"]

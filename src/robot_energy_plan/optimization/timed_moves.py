@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.physics.cabinet import FanStage
+from robot_energy.physics.drives_and_cabinet import FanStage
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.ptp import Trajectory
-from robot_energy_plan.optimization.candidates import STEP, Candidates, Moves
-from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy_plan.optimization.chain import STEP, TORQUE_SHARE, Candidates, Moves, PowerChain
 from robot_energy_plan.optimization.program_form import ProgramForm, WrittenTrajectory
 from robot_energy_plan.optimization.time_law import LawLimits, path_power, time_law
 

@@ -28,7 +28,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int, TorqueBlock
 from robot_energy_plan.motion.joint_trajectory import JointTrajectory
 from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, Trajectory
 from robot_energy_plan.motion.sampled_motion import motion_from_position, uniform
-from robot_energy_plan.optimization.candidates import SPEEDS, Candidates, Moves
+from robot_energy_plan.optimization.chain import SPEEDS, Candidates, Moves
 from robot_energy_plan.optimization.program_form import WrittenTrajectory
 
 STILL = 1e-4  # rad/s or m/s, below which all joints rest

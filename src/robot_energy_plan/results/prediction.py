@@ -2,13 +2,11 @@
 
 from typing import Annotated
 
+import numpy as np
+
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.payload import Payload
-from robot_energy.results.auxiliary import (
-    AuxiliaryReport,
-    auxiliary_report,
-    missing_sentences,
-)
+from robot_energy.results.auxiliary import AuxiliaryReport, auxiliary_report, missing_sentences
 from robot_energy.results.base import Number, Result, Texts, count_tags
 from robot_energy.results.energy import (
     EnergyBreakdown,
@@ -20,6 +18,8 @@ from robot_energy.results.energy import (
 from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy_plan.motion.load_motion import LoadedMotion
 from robot_energy_plan.prediction import Prediction
+
+SLOW = 0.005  # of the speed limits: hardly a program
 
 
 class PredictedTime(Result):
@@ -34,9 +34,7 @@ class ToolPathReport(Result):
     """Path of the tool, of all repetitions."""
 
     length: Annotated[float, "[m]"]
-    printed_length: Annotated[
-        Number, "Length on which material is laid; None if the program prints nothing. [m]"
-    ]
+    printed_length: Annotated[Number, "Length on which material is laid; None: nothing is. [m]"]
     stops: Annotated[int | None, "Stops of one repetition."]
     full_speed_share: Annotated[Number, "Share of the length at the programmed speed. [-]"]
     energy_per_printed_metre: Annotated[Number, "Energy from the grid per printed metre. [J/m]"]
@@ -53,12 +51,8 @@ class JointLimitUse(Result):
 class FrictionReach(Result):
     """Joints whose friction law does not determine the assumed temperature."""
 
-    extrapolated_joints: Annotated[
-        Texts, "Joints whose friction law was not fitted at that temperature."
-    ]
-    one_temperature_joints: Annotated[
-        Texts, "Joints whose friction law is the same at every temperature."
-    ]
+    extrapolated_joints: Annotated[Texts, "Joints extrapolated to that temperature."]
+    one_temperature_joints: Annotated[Texts, "Joints with the same friction at every temperature."]
 
 
 class PredictionReport(EnergyReport):
@@ -69,30 +63,18 @@ class PredictionReport(EnergyReport):
     program: Annotated[str, "Name of the motion."]
     repeat: Annotated[int, "How often it is made."]
     motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]
-    payload: Annotated[
-        tuple[Payload, ...],
-        "The payload given: it replaces what the model has on the same link and adds to what it "
-        "has on others.",
-    ]
+    payload: Annotated[tuple[Payload, ...], "Given; it replaces the model's on that link alone."]
     time: Annotated[PredictedTime, "Time of the motion."]
     tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]
     limits: Annotated[tuple[JointLimitUse, ...], "Use of the limits of the URDF, in model order."]
-    friction: Annotated[
-        FrictionReach, "Joints whose friction law does not determine the assumed temperature."
-    ]
-    auxiliary: Annotated[
-        AuxiliaryReport | None,
-        "Loads outside of the cabinet in the states that were given; None where the model has "
-        "none.",
-    ] = None
+    friction: Annotated[FrictionReach, "Joints whose law does not hold for that temperature."]
+    auxiliary: Annotated[AuxiliaryReport | None, "Loads outside of the cabinet, if any."] = None
 
 
 class PredictionsReport(Result, name="prediction"):
     """All programs by all robots at all temperatures."""
 
-    runs: Annotated[
-        tuple[PredictionReport, ...], "One prediction for each program, robot and temperature."
-    ]
+    runs: Annotated[tuple[PredictionReport, ...], "One for each program, robot and temperature."]
 
 
 def prediction_report(result: Prediction, motion: LoadedMotion | None = None) -> PredictionReport:
@@ -156,12 +138,19 @@ def _notes(result: Prediction) -> list[str]:
     if result.extrapolated:
         notes.append(
             f"EXTRAPOLATED: the friction of {', '.join(result.extrapolated)} was never fitted at "
-            "that temperature; what holds there the key `outside` of its law says"
+            "that temperature; where its law has a key `outside`, that says what holds there"
         )
     if result.one_temperature:
         notes.append(
             f"the friction of {', '.join(result.one_temperature)} is the same at every "
             "temperature in this model"
+        )
+    speeds = result.limits.speed
+    fastest = float(np.max(speeds, initial=0.0, where=np.isfinite(speeds)))
+    if 0.0 < fastest < SLOW:
+        notes.append(
+            f"no joint is faster than {100 * fastest:.2g} % of its speed limit: are the times of "
+            "the motion in seconds?"
         )
     samples, counts = result.account.counts.samples, result.account.counts.quality
     share = counts[int(Quality.DRIVE_EXTRAPOLATED)] / samples if samples else 0.0

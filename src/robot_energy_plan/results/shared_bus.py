@@ -1,15 +1,32 @@
-"""Robots on one DC bus: every figure that terminal, JSON and pages show of them."""
+"""Robots on one supply or DC bus: every figure that terminal, JSON and pages show of them."""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
 from robot_energy.certainty.deviation import Z90
+from robot_energy.foundation.errors import MotionError
 from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_used
-from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.blocks import NANOSECOND, Float
+from robot_energy_plan.motion.planned import PlannedMotion
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
-from robot_energy_plan.shared_bus import BusExchange, BusRobot, PlannedBus, shared_cabinet
+from robot_energy_plan.optimization.task import Task
+from robot_energy_plan.prediction import START_NS, predict
+from robot_energy_plan.shared_bus import (
+    ROUNDING,
+    BusExchange,
+    BusRobot,
+    Levelling,
+    PlannedBus,
+    level_starts,
+    planned_exchange,
+    planned_robot,
+    samples_of,
+    shared_cabinet,
+)
 
 FEW = 0.5  # of the recorded time, below which a gap makes the figures doubtful [-]
 
@@ -22,9 +39,7 @@ class SharedBusRobot(Result):
     energy: Annotated[float, "Energy from the grid with a supply of its own. [J]"]
     brake_energy: Annotated[float, "Energy into its own brake resistor. [J]"]
     peak_power: Annotated[float, "Greatest power from the grid. [W]"]
-    start: Annotated[
-        Number, "Start after that of the cycle, with the best starts; None for recordings. [s]"
-    ]
+    start: Annotated[Number, "Start in the cycle, with the best starts; None for recordings. [s]"]
 
 
 class SharedBusReport(Result, name="shared_bus"):
@@ -44,10 +59,7 @@ class SharedBusReport(Result, name="shared_bus"):
     peak_power_apart: Annotated[float, "Greatest power of all supplies together. [W]"]
     peak_power: Annotated[float, "Greatest power of the supply of the bus. [W]"]
     capacitor_energy: Annotated[float, "Energy that the capacitors of the bus take at most. [J]"]
-    saved_any_start: Annotated[
-        Number, "Mean saving if starts fall anywhere in the cycle, without capacitors; None for "
-        "recordings. [J]"
-    ]  # fmt: skip
+    saved_any_start: Annotated[Number, "Mean saving for starts anywhere, without capacitors. [J]"]
     saved_best: Annotated[Number, "Saving with the best starts found; None for recordings. [J]"]
     half_best: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     peak_power_best: Annotated[Number, "Greatest power of the supply of the bus then. [W]"]
@@ -155,3 +167,75 @@ def relative_half(robots: Sequence[BusRobot]) -> float:
         columns[robot.model.model_id] = known + robot.deviations.brake
     squares = sum(float((one**2).sum()) for one in columns.values())
     return Z90 * float(np.sqrt(squares)) / braked
+
+
+class StartTime(Result):
+    """When a robot on a common supply starts."""
+
+    program: Annotated[str, "Program of the robot."]
+    start: Annotated[float, "After the beginning of the common cycle. [s]"]
+
+
+class CommonSupply(Result):
+    """Power of a supply for several robots."""
+
+    peak_power_together: Annotated[float, "Greatest power with all starts at once. [W]"]
+    peak_power: Annotated[float, "Greatest power with the starts as chosen. [W]"]
+    mean_power: Annotated[float, "Mean power; with separate supplies for any starts. [W]"]
+
+
+Robots = Sequence[tuple[str, PlannedMotion]]
+"""Names and motions of robots of one model."""
+
+
+def supply_figures(
+    task: Task, robots: Robots, cycle_time: float, one_bus: bool = False
+) -> dict[str, Any]:
+    """Return ``starts``, ``supply`` and ``shared_bus`` of an `OptimizationReport`.
+
+    Args:
+        cycle_time: Of all. [s]
+        one_bus: Whether all stand on one DC bus: the starts then need the least energy, else they
+            have the least peak.
+    """
+    if one_bus:
+        degc = task.chain.motor_temperature_degc.mean(axis=0)
+        of_bus = [planned_robot(name, task.chain.model, one, degc) for name, one in robots]
+        found = planned_exchange(of_bus, cycle_time)
+        best, shared = found.best, shared_bus_report(of_bus, found)
+        mean = best.grid_energy(best.shared) / best.duration
+        return {
+            "starts": _starts(robots, found.levelling),
+            "supply": CommonSupply(shared.peak_power, best.peak_power([best.shared]), mean),
+            "shared_bus": shared,
+        }
+    curves = [_power(task, name, one, cycle_time) for name, one in robots]
+    level = level_starts(curves, cycle_time)
+    return {
+        "starts": _starts(robots, level),
+        "supply": CommonSupply(level.together, level.least, level.mean),
+    }
+
+
+def _starts(robots: Robots, level: Levelling) -> tuple[StartTime, ...]:
+    return tuple(
+        StartTime(name, start)
+        for (name, _), start in zip(robots, level.start.tolist(), strict=True)
+    )
+
+
+def _power(task: Task, name: str, motion: PlannedMotion, cycle_time: float) -> Float:
+    """Mean power over short steps of one cycle, the wait with the power of the first rest."""
+    if motion.duration > cycle_time + ROUNDING:
+        raise MotionError(
+            f"{name} takes {motion.duration:.4g} s", f"at most the cycle time, {cycle_time:g} s"
+        )
+    degc = task.chain.motor_temperature_degc.mean(axis=0)
+    means = predict(task.chain.model, motion, degc, name).means
+    if means is None:
+        raise MotionError(f"{name} is too short", "a motion of some samples")
+    power = means.predicted_power
+    time = (means.stamp_ns - START_NS) * NANOSECOND - 0.5 * means.period
+    count = samples_of(cycle_time)
+    middle = (np.arange(count) + 0.5) * cycle_time / count
+    return np.where(middle > motion.duration, power[0], np.interp(middle, time, power))

@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_energy.bag.cdr import RawBatch, Run, stamp_ns
 from robot_energy.foundation.shown_text import shown
-from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH, SECOND_NS
+from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Float,
@@ -40,8 +40,8 @@ from robot_energy_report.page.messages import (
     load_rows,
     net_energy,
     newest_loads,
+    phase_rows,
 )
-from robot_energy_report.page.phase_totals import PhaseTotals
 from robot_energy_report.page.settings import CostCounter, PageSettings
 
 STALE_AFTER = 2.0  # without power states all live figures are stale [s]
@@ -57,8 +57,6 @@ LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, 
 
 
 class _Recent(NamedTuple):
-    """Power states of about the last second, in order."""
-
     stamp_ns: Any
     period: Float
     parts: Float  # (N, terms of a flow and the powers)
@@ -91,10 +89,8 @@ class RobotState:
         self._joint_names: tuple[str, ...] = ()
         self._recent: _Recent | None = None
         self._received: float | None = None
-        self._phases = PhaseTotals()
         self._friction: dict[str, dict[str, Any]] = {}
         self._registers: dict[str, Any] | None = None
-        self._coming: dict[str, Any] | None = None  # until the power states have reached them
         self._findings: dict[str, PageFinding] = {}
         self._intervals: list[dict[str, Any]] | None = None
         self._cost = CostCounter(settings)
@@ -112,19 +108,9 @@ class RobotState:
     def take_registers(self, batch: RawBatch) -> None:
         """Take energy registers; the newest counts."""
         found = self._readers.registers(batch)
-        if found is None:
-            return
-        newest_ns = found["stamp_ns"] if self._newest is None else self._newest["stamp_ns"]
-        if self._coming is None and 0 < found["stamp_ns"] - newest_ns < SECOND_NS:
-            self._coming = found
-        else:
-            self._use(found)
-
-    def _use(self, found: dict[str, Any]) -> None:
-        self._registers, self._coming = found, None
-        self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
-        start_ns, seconds = found["start_ns"], found["observed_time"]
-        self._phases.settle(found["stamp_ns"], start_ns, seconds, net_energy(found))
+        if found is not None:
+            self._registers = found
+            self._cost.add(found["start_ns"], found["stamp_ns"], found["predicted_import_energy"])
 
     def take_friction(self, batch: RawBatch) -> None:
         """Take friction coefficients; the newest count."""
@@ -143,11 +129,7 @@ class RobotState:
         self._intervals = list(intervals)
 
     def stale(self, now: float) -> bool:
-        """Whether no power state has arrived for too long.
-
-        Args:
-            now: As of `take_power`. [s]
-        """
+        """Whether no power state has arrived for too long; time as in `RobotState.take_power`."""
         if not self._live:
             return False
         if self._received is None or self._newest is None:
@@ -160,10 +142,7 @@ class RobotState:
         return self._registers
 
     def power(self, now: float) -> dict[str, Any]:
-        """Return the few figures that change several times a second, as plain values.
-
-        Argument as in `RobotState.stale`.
-        """
+        """Return the figures that change several times a second; as in `RobotState.take_power`."""
         newest = self._newest
         stale = self.stale(now)
         if newest is None:
@@ -182,10 +161,7 @@ class RobotState:
         return {name: ring.table() for name, ring in self.rings.items()}
 
     def snapshot(self, now: float) -> dict[str, Any]:
-        """Return everything but the history as plain values; None where unknown or stale.
-
-        Argument as in `RobotState.stale`.
-        """
+        """Return all but the history, None where unknown; time as in `RobotState.take_power`."""
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
         seen = newest is not None and not stale
@@ -195,7 +171,6 @@ class RobotState:
             "name": self.name,
             "model_id": newest["model_id"] if newest else None,
             "meter": location.name,
-            "age": None if self._received is None or not self._live else now - self._received,
             "power": self.power(now),
             **{name: json_number(newest[name], 4) if newest and seen else None for name in STATE},
             "means": self._means() if seen else None,
@@ -204,7 +179,7 @@ class RobotState:
             "outlet_power": json_number(newest["outlet_power"], 5) if newest and seen else None,
             "flow": self._power_flow() if seen else None,
             "energy_flow": flow and flow.plain(JOULE_PER_WH),
-            "phases": self._phases.rows(),
+            "phases": [] if registers is None else phase_rows(registers),
             "registers": self._register_values(),
             "headline": self._headline(),
             "spans": {name: self._span(ring) for name, ring in self.rings.items()},
@@ -215,7 +190,7 @@ class RobotState:
         }
 
     def overview(self, now: float) -> dict[str, Any]:
-        """Return a row among many robots as plain values; argument as in `RobotState.stale`."""
+        """Return a row among many robots; argument as in `RobotState.take_power`."""
         power, found = self.power(now), self._registers
         return {
             "name": self.name,
@@ -246,9 +221,6 @@ class RobotState:
         for ring in self.rings.values():
             ring.add(stamp, powers, covered)
         phase = np.minimum(run.array("phase"), len(Phase) - 1)
-        known = np.where(np.isfinite(powers[:, 0]), covered, 0.0)
-        energy = np.nan_to_num(powers[:, 0], posinf=0.0, neginf=0.0) * known
-        self._phases.add(stamp, covered, energy, known, phase)
         location = int(run.array("meter_location")[-1])
         self._newest = {
             "stamp_ns": int(stamp[-1]),
@@ -259,22 +231,18 @@ class RobotState:
             "auxiliary": newest_loads(run),
             "outlet_power": float(run.array("outlet_power")[-1]),
             "meter_location": location if location < len(MeterLocation) else 0,
-            **{name: float(run.array(name)[-1]) for name in POWERS + TOTALS + STATE},
+            **{name: float(run.array(name)[-1]) for name in POWERS + STATE},
             **{
                 name: run.array(f"joints.{name}").reshape(len(stamp), -1)[-1]
                 for name in JOINT_STATE
             },
         }
-        if self._coming is not None and self._coming["stamp_ns"] <= stamp[-1]:
-            self._use(self._coming)
 
     def _span(self, ring: HistoryRing) -> dict[str, Any]:
-        """Energy and covered time of a ring up to the newest registers, and its covered share."""
         seconds, joule = float(ring.seconds()[0]), float(ring.energy()[0])
-        later, energy_later = self._phases.waiting
         return {
-            "energy": json_number(joule - energy_later),
-            "seconds": json_number(seconds - later),
+            "energy": json_number(joule),
+            "seconds": json_number(seconds),
             "coverage": json_number(min(1.0, seconds / ring.length) if ring.length else None),
         }
 
@@ -347,8 +315,6 @@ class RobotState:
                     **values,
                     **powers,
                     "temperature_source": source if live else TemperatureOrigin.UNKNOWN.name,
-                    "temperature_age": json_number(old, 3) if live else None,
-                    "viscous_std": json_number(friction.get("viscous_std"), 3) if live else None,
                 }
             )
         return rows

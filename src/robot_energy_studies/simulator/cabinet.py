@@ -17,56 +17,32 @@ from robot_energy.timeline.blocks import Float
 
 @dataclass(frozen=True)
 class DrawnCabinet:
-    """Figures of a cabinet.
+    """Figures of a cabinet."""
 
-    Attributes:
-        capacitance: [F]
-        open_voltage: Of the link without load. [V]
-        source_resistance: By which the voltage falls with the current. [ohm]
-        real_share: Of that fall that is loss; the rest is commutation. [-]
-        diode_voltage: Of the rectifier. [V]
-        chopper_on: [V]
-        chopper_off: [V]
-        brake_resistance: [ohm]
-        link_load: Supplies that hang on the link. [W]
-        grid_load: Computer and supplies at the grid. [W]
-        fan: [W]
-        fan_on_degc: Of the warmest motor housing. [degC]
-        fan_off_degc: [degC]
-    """
-
-    capacitance: float
-    open_voltage: float
-    source_resistance: float
-    real_share: float
-    diode_voltage: float
-    chopper_on: float
-    chopper_off: float
-    brake_resistance: float
-    link_load: float
-    grid_load: float
-    fan: float
-    fan_on_degc: float
-    fan_off_degc: float
+    capacitance: float  # [F]
+    open_voltage: float  # of the link without load [V]
+    source_resistance: float  # by which the voltage falls with the current [ohm]
+    real_share: float  # of that fall that is loss; the rest is commutation [-]
+    diode_voltage: float  # of the rectifier [V]
+    chopper_on: float  # [V]
+    chopper_off: float  # [V]
+    brake_resistance: float  # [ohm]
+    link_load: float  # supplies that hang on the link [W]
+    grid_load: float  # computer and supplies at the grid [W]
+    fan: float  # [W]
+    fan_on_degc: float  # of the warmest motor housing [degC]
+    fan_off_degc: float  # [degC]
 
 
 @dataclass(frozen=True)
 class LinkFlows:
-    """Means over every step, shape (N, K) each. [W]
+    """Means over every step, shape (N, K) each. [W]"""
 
-    Attributes:
-        switching_loss: Of all inverters.
-        brake: Of the resistor.
-        stored: Into the capacitor.
-        rectifier_loss: Of source and diodes.
-        link: From the rectifier into the link.
-    """
-
-    switching_loss: Float
-    brake: Float
-    stored: Float
-    rectifier_loss: Float
-    link: Float
+    switching_loss: Float  # of all inverters
+    brake: Float  # of the resistor
+    stored: Float  # into the capacitor
+    rectifier_loss: Float  # of source and diodes
+    link: Float  # from the rectifier into the link
 
 
 class DcLink:

@@ -33,12 +33,7 @@ RATED_SHARE = 0.5  # of the effort limit
 
 @dataclass(frozen=True)
 class DrawnRobot:
-    """One robot with its cabinet.
-
-    Attributes:
-        acceleration: Of its programs, shape (n,). [rad/s^2]
-        plate_inertia: Rotor inertias on the data sheet, shape (n,). [kg m^2]
-    """
+    """One robot with its cabinet."""
 
     arm: ElasticArm
     friction: GearFriction
@@ -46,8 +41,8 @@ class DrawnRobot:
     heat: HeatNetwork
     friction_to_housing: Float
     cabinet: DrawnCabinet
-    acceleration: Float
-    plate_inertia: Float
+    acceleration: Float  # of its programs, shape (n,) [rad/s^2]
+    plate_inertia: Float  # rotor inertias on the data sheet, shape (n,) [kg m^2]
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -21,41 +21,23 @@ LEAST_SHARE = 0.3  # of boundary friction, however hot the oil is
 
 @dataclass(frozen=True)
 class GearFriction:
-    """Figures of all gears, motor side, shape (n,) each.
+    """Figures of all gears, motor side, shape (n,) each."""
 
-    Attributes:
-        boundary: Sliding friction without load at 40 degC. [N m]
-        boundary_fall: Share of it lost per kelvin. [1/K]
-        breakaway: Added at standstill, share of the boundary friction. [-]
-        film_speed: Speed at which the film takes over at 40 degC. [rad/s]
-        film_shape: Exponent of that transition. [-]
-        teeth: Friction at rated load. [N m]
-        teeth_exponent: Of the load. [-]
-        film: Friction of the film at rated speed and 40 degC. [N m]
-        film_exponent: Of the speed. [-]
-        viscosity_exponent: Of the viscosity. [-]
-        vogel_b: B. [K]
-        vogel_c: C. [K]
-        bristle: Motor angle at which the bristles slide. [rad]
-        rated_torque: [N m]
-        rated_speed: [rad/s]
-    """
-
-    boundary: Float
-    boundary_fall: Float
-    breakaway: Float
-    film_speed: Float
-    film_shape: Float
-    teeth: Float
-    teeth_exponent: Float
-    film: Float
-    film_exponent: Float
-    viscosity_exponent: Float
-    vogel_b: Float
-    vogel_c: Float
-    bristle: Float
-    rated_torque: Float
-    rated_speed: Float
+    boundary: Float  # sliding friction without load at 40 degC [N m]
+    boundary_fall: Float  # share of it lost per kelvin [1/K]
+    breakaway: Float  # added at standstill, share of the boundary friction [-]
+    film_speed: Float  # speed at which the film takes over at 40 degC [rad/s]
+    film_shape: Float  # exponent of that transition [-]
+    teeth: Float  # friction at rated load [N m]
+    teeth_exponent: Float  # of the load [-]
+    film: Float  # friction of the film at rated speed and 40 degC [N m]
+    film_exponent: Float  # of the speed [-]
+    viscosity_exponent: Float  # of the viscosity [-]
+    vogel_b: Float  # B [K]
+    vogel_c: Float  # C [K]
+    bristle: Float  # motor angle at which the bristles slide [rad]
+    rated_torque: Float  # [N m]
+    rated_speed: Float  # [rad/s]
 
     def viscosity(self, oil_degc: Float) -> Float:
         """Return the viscosity relative to 40 degC, same shape. [-]

@@ -19,27 +19,16 @@ WINDING, HOUSING, OIL, CASTING = range(4)
 
 @dataclass(frozen=True)
 class HeatNetwork:
-    """Figures of one arm, shape (n,) each.
+    """Figures of one arm, shape (n,) each."""
 
-    Attributes:
-        capacity: Of the four nodes of every axis, shape (4, n). [J/K]
-        winding_housing: [W/K]
-        housing_casting: [W/K]
-        housing_oil: Along the shaft. [W/K]
-        oil_casting: [W/K]
-        neighbours: From one casting to the next, shape (n - 1,). [W/K]
-        housing_hall: At 30 K. [W/K]
-        casting_hall: At 30 K. [W/K]
-    """
-
-    capacity: Float
-    winding_housing: Float
-    housing_casting: Float
-    housing_oil: Float
-    oil_casting: Float
-    neighbours: Float
-    housing_hall: Float
-    casting_hall: Float
+    capacity: Float  # of the four nodes of every axis, shape (4, n) [J/K]
+    winding_housing: Float  # [W/K]
+    housing_casting: Float  # [W/K]
+    housing_oil: Float  # along the shaft [W/K]
+    oil_casting: Float  # [W/K]
+    neighbours: Float  # from one casting to the next, shape (n - 1,) [W/K]
+    housing_hall: Float  # at 30 K [W/K]
+    casting_hall: Float  # at 30 K [W/K]
 
     def step(self, degc: Float, heat: Float, hall_degc: float | Float, duration: float) -> Float:
         """Return the temperatures after a while of constant heat, same shape. [degC]

@@ -22,45 +22,25 @@ STILL = 0.5  # rad/s, below which hysteresis does not brake fully
 
 @dataclass(frozen=True)
 class Motors:
-    """Figures of all motors and inverters, shape (n,) each.
+    """Figures of all motors and inverters, shape (n,) each."""
 
-    Attributes:
-        plate_constant: Torque constant on the name plate. [N m/A]
-        torque_constant: True one at 20 degC and no current. [N m/A]
-        magnet_fall: Share of it lost per kelvin. [1/K]
-        saturation: Share of it lost at rated current; grows with the square. [-]
-        rated_current: [A]
-        resistance: Of a phase at 20 degC. [ohm]
-        skin: Rise of the resistance at rated speed; grows with the square. [-]
-        hysteresis: Torque. [N m]
-        hysteresis_rise: Its rise at rated torque; grows with the square. [-]
-        eddy: [N m s/rad]
-        excess: [N m (s/rad)^0.5]
-        standby: Of an inverter that is on. [W]
-        conduction_linear: [W/A]
-        conduction_square: [W/A^2]
-        switching: [W/(A V)]
-        rated_torque: [N m]
-        rated_speed: [rad/s]
-    """
-
-    plate_constant: Float
-    torque_constant: Float
-    magnet_fall: Float
-    saturation: Float
-    rated_current: Float
-    resistance: Float
-    skin: Float
-    hysteresis: Float
-    hysteresis_rise: Float
-    eddy: Float
-    excess: Float
-    standby: Float
-    conduction_linear: Float
-    conduction_square: Float
-    switching: Float
-    rated_torque: Float
-    rated_speed: Float
+    plate_constant: Float  # torque constant on the name plate [N m/A]
+    torque_constant: Float  # true one at 20 degC and no current [N m/A]
+    magnet_fall: Float  # share of it lost per kelvin [1/K]
+    saturation: Float  # share of it lost at rated current; grows with the square [-]
+    rated_current: Float  # [A]
+    resistance: Float  # of a phase at 20 degC [ohm]
+    skin: Float  # rise of the resistance at rated speed; grows with the square [-]
+    hysteresis: Float  # torque [N m]
+    hysteresis_rise: Float  # its rise at rated torque; grows with the square [-]
+    eddy: Float  # [N m s/rad]
+    excess: Float  # [N m (s/rad)^0.5]
+    standby: Float  # of an inverter that is on [W]
+    conduction_linear: Float  # [W/A]
+    conduction_square: Float  # [W/A^2]
+    switching: Float  # [W/(A V)]
+    rated_torque: Float  # [N m]
+    rated_speed: Float  # [rad/s]
 
     def drag(self, motor_velocity: Float, air_gap_torque: Float) -> Float:
         """Return by how much iron brakes the shaft, same shape. [N m]

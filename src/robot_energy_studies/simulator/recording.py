@@ -7,12 +7,10 @@ whole degrees. The power meter has a limited bandwidth and a delay, and reads wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.messages.fields import (
@@ -30,7 +28,7 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy_rig.output import RigJoints
+from robot_energy_rig.config import RigJoints
 from robot_energy_rig.record import (
     JOINT_DELAY_NS,
     METER_DELAY_NS,
@@ -55,21 +53,13 @@ METER_NOISE = 0.002  # of a reading
 
 @dataclass(frozen=True)
 class DrawnSensors:
-    """Constant errors of the sensors of one robot.
+    """Constant errors of the sensors of one robot."""
 
-    Attributes:
-        temperature_offset: Shape (n,). [K]
-        meter_gain: [-]
-        meter_lag: Time constant of the meter. [s]
-        meter_delay: Of its stamps. [s]
-        seed: Of the noise.
-    """
-
-    temperature_offset: Float
-    meter_gain: float
-    meter_lag: float
-    meter_delay: float
-    seed: int
+    temperature_offset: Float  # shape (n,) [K]
+    meter_gain: float  # [-]
+    meter_lag: float  # time constant of the meter [s]
+    meter_delay: float  # of its stamps [s]
+    seed: int  # of the noise
 
 
 def drawn_sensors(seed: int, n_joints: int) -> DrawnSensors:
@@ -121,9 +111,9 @@ def record(
         (METER_TOPIC, METER_DELAY_NS, readings, encoder.meter(readings)),
     )
     messages = sorted(
-        message
+        (time, topic, row.tobytes())
         for topic, delay_ns, block, rows in topics
-        for message in _messages(topic, block.stamp_ns + delay_ns, rows)
+        for time, row in zip((block.stamp_ns + delay_ns).tolist(), rows, strict=True)
     )
     with BagWriter(path, overwrite=True, origin=ORIGIN) as bag:
         for topic, kind in TYPES.items():
@@ -138,12 +128,8 @@ def record(
         float(grid.max()),
         ends[:, WINDING],
         ends[:, OIL],
+        {},
     )
-
-
-def _messages(topic: str, log_ns: Int, rows: NDArray[np.uint8]) -> Iterator[tuple[int, str, bytes]]:
-    for time, row in zip(log_ns.tolist(), rows, strict=True):
-        yield time, topic, row.tobytes()
 
 
 def _stamps(steps: Int) -> Int:

@@ -43,29 +43,16 @@ LOSSES = (
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """What K robots did, N steps long.
+    """What K robots did, N steps long."""
 
-    Attributes:
-        motor_angle: At every `SAMPLE`th step, shape (N / SAMPLE, K, n). [rad]
-        motor_velocity: Likewise. [rad/s]
-        joint_position: Of the links, likewise. [rad]
-        current: Likewise. [A]
-        grid_power: Means over the steps, shape (N, K). [W]
-        degc: At the start and after every block: winding, housing, oil, casting of every axis,
-            shape (blocks + 1, K, 4, n). [degC]
-        energy: Sum over the run by `LOSSES`, and ``grid`` and ``stored`` (bodies, gears, bristles,
-            capacitor), shape (K,) each. [J]
-        node_heat: Mean heat into every node, shape (K, 4, n). [W]
-    """
-
-    motor_angle: Float
-    motor_velocity: Float
-    joint_position: Float
-    current: Float
-    grid_power: Float
-    degc: Float
-    energy: dict[str, Float]
-    node_heat: Float
+    motor_angle: Float  # at every `SAMPLE`th step, shape (N / SAMPLE, K, n) [rad]
+    motor_velocity: Float  # likewise [rad/s]
+    joint_position: Float  # of the links, likewise [rad]
+    current: Float  # likewise [A]
+    grid_power: Float  # means over the steps, shape (N, K) [W]
+    degc: Float  # of winding, housing, oil and casting, shape (blocks + 1, K, 4, n) [degC]
+    energy: dict[str, Float]  # by `LOSSES`, ``grid`` and ``stored``, shape (K,) each [J]
+    node_heat: Float  # mean heat into every node, shape (K, 4, n) [W]
 
     @property
     def imbalance(self) -> Float:

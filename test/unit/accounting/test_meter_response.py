@@ -224,3 +224,50 @@ def test_a_later_run_begins_with_the_windows_of_an_earlier_one():
     assert estimate.lags == [pytest.approx(0.25)]
     estimate.begin([(5.0 * step, step) for step in steps.tolist()] * 2)
     assert estimate.lags[-1] <= MAX_LAG
+
+
+def compared_for(seconds, cut=None, response=None, swing=1500.0):
+    """A comparison of a power that steps every 1.7 s with a meter that is 0.28 s late."""
+    fine = np.arange(0.0, seconds + 1e-9, 0.02)
+    power = 1500.0 + swing * np.sign(np.sin(2.0 * np.pi * (fine + 0.05) / 3.4))
+    shown = lfilter([1.0 - np.exp(-0.02 / 0.28)], [1.0, -np.exp(-0.02 / 0.28)], power - power[0])
+    stamp = np.rint(fine * SECOND).astype(np.int64)
+    comparison = Comparison(response=response)
+    nothing = np.full(len(stamp), np.nan)
+    for rows in np.array_split(np.arange(len(stamp)), cut or 1):
+        comparison.measure(
+            MeterBlock(stamp[rows], shown[rows] + power[0], nothing[rows], nothing[rows],
+                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
+        )  # fmt: skip
+        comparison.predict(stamp[rows], np.zeros(len(rows), dtype=np.int64), power[rows])
+    return comparison
+
+
+def test_energies_are_set_against_each_other_once_the_lag_hardly_matters():
+    """In the first seconds the difference is the lag: -10 % after 2 s, of a perfect model."""
+    late = MeterResponse(0.28, stated=True)
+    early = compared_for(2.0, response=late)
+    assert abs(early.predicted_energy / early.measured_energy - 1.0) > 0.1
+    assert np.isnan(early.comparable_energy)
+    now = compared_for(45.0, response=late)
+    assert now.comparable_energy == now.predicted_energy
+    for seconds in np.arange(2.0, 45.0, 0.5):
+        one = compared_for(seconds, response=late)
+        if not np.isnan(one.comparable_energy):
+            assert one.predicted_energy == pytest.approx(one.measured_energy, rel=0.02)
+    now.reset()
+    assert np.isnan(now.comparable_energy)
+
+
+def test_a_lag_that_is_not_known_may_be_as_long_as_any():
+    assert np.isnan(compared_for(45.0).comparable_energy)
+    assert not np.isnan(compared_for(70.0).comparable_energy)  # found from a minute of readings
+
+
+def test_a_robot_at_rest_is_compared_at_once():
+    assert compared_for(1.0, swing=0.0).comparable_energy == pytest.approx(1500.0, rel=1e-6)
+
+
+def test_the_cutting_of_the_input_does_not_decide_what_is_set_against_each_other():
+    sums = [compared_for(20.0, cut).swing.sums for cut in (1, 3, 50)]
+    assert sums[0] == sums[1] == sums[2]

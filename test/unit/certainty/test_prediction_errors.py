@@ -8,7 +8,7 @@ from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality
 from robot_energy.timeline.pieces import NO_INTERVALS, Compared
-from robot_energy_identify.stats.torque_errors import TorqueErrorSums
+from robot_energy_identify.results.evaluation import TorqueErrorSums
 
 RNG = np.random.default_rng(5)
 
@@ -89,5 +89,6 @@ def test_torque_error_of_the_wheel_by_hand():
     assert np.median(torque) == pytest.approx(1.1)
     assert sums.rms[1, 0] == pytest.approx(np.sqrt(np.mean((torque - 2.0) ** 2)))
     assert sums.relative[1, 0] == pytest.approx(sums.rms[1, 0] / 2.0)
-    assert sums.measured_rms[:, 0] == pytest.approx(2.0)
-    assert sums.relative_of_all == pytest.approx(sums.relative[:, 0])
+    assert sums.of_nothing.rms[:, 0] == pytest.approx(2.0)
+    assert sums.of_nothing.relative[:2, 0] == pytest.approx(1.0)
+    assert sums.relative_of_all[:2] == pytest.approx(sums.relative[:2, 0])

@@ -190,6 +190,30 @@ def test_velocities_are_compared_with_positions(tmp_path):
         assert not loud(check(bag, load("kr16"), MOTOR_TORQUE, inputs))
 
 
+def test_one_line_mends_the_velocities_of_all_joints(tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", scaled(("velocity",), 180 / np.pi), None, SECONDS)
+    (found,) = check(bag, load("kr16"), MOTOR_TORQUE).errors
+    assert (found.cause, found.subject) == ("velocity_scale", NAMES)
+    inputs = read_with(found.remedy, tmp_path / "inputs.yaml")
+    assert not loud(check(bag, load("kr16"), MOTOR_TORQUE, inputs))
+
+
+def test_rounded_stamps_are_no_scale_of_the_velocities_and_the_remedy_works(tmp_path):
+    """Stamps in steps of 2.5 ms for states every 4 ms."""
+
+    def rounded(message):
+        stamp = message.header.stamp
+        stamp.nanosec = round(stamp.nanosec / 2_500_000) * 2_500_000 % 1_000_000_000
+
+    bag = rewrite(SOUND, tmp_path / "bag", rounded, None, SECONDS)
+    found = check(bag, load("kr16"))
+    assert "stamps_uneven" in loud(found)
+    assert "velocity_scale" not in loud(found)
+    (uneven,) = [one for one in found.findings if one.cause == "stamps_uneven"]
+    inputs = read_with(uneven.remedy, tmp_path / "inputs.yaml")
+    assert not loud(check(bag, load("kr16"), inputs=inputs))
+
+
 def test_a_velocity_that_stays_zero_is_named_and_the_remedy_works(tmp_path):
     bag = rewrite(SOUND, tmp_path / "bag", scaled(("velocity",), 0.0, [JOINT]), None, SECONDS)
     found = check(bag, load("kr16")).errors

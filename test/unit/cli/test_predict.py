@@ -180,10 +180,10 @@ def test_a_prediction_that_is_too_long_is_refused_before_it_begins(tmp_path, cap
 
 
 def test_programs_and_temperatures_count_together_and_the_length_is_said(capsys, monkeypatch, wall):
-    from robot_energy_cli import predict
+    from robot_energy_cli import motions
 
     options = [wall, "--model", "testbed", "--temperature", "20", "--json", "-"]
-    monkeypatch.setattr(predict, "MIN_PROGRESS_SAMPLES", 100)
+    monkeypatch.setattr(motions, "MIN_PROGRESS_SAMPLES", 100)
     assert run(*options, "--max-samples", "1000") == 0
     said = capsys.readouterr().err
     assert "samples over" in said

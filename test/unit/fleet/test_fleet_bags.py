@@ -9,6 +9,7 @@ import pytest
 import robot_energy as re
 from fleets import short_bags
 from logbook import wheel_bag, wheel_model, wheel_start
+from mistakes import rewrite, scaled
 from places import ROOT
 from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
@@ -113,6 +114,19 @@ def test_jobs_that_a_bag_holds_in_part_are_counted(tmp_path, capsys):
     assert said in " ".join(capsys.readouterr().out.split())
 
 
+def test_joint_states_that_are_doubtful_are_listed(tmp_path, capsys):
+    """A driver whose velocities stay 0: the model reads half of the energy."""
+    bag = rewrite(WARM, tmp_path / "hall" / "r1" / "zero", scaled(("velocity",), 0.0), None, 12.0)
+    words = ["--model", "kr16", "--workers", "0", "--out", str(tmp_path / "d")]
+    assert main(["fleet", "run", str(tmp_path / "hall"), *words]) == 3
+    sentence = "the velocity of joint_a1 stays 0 while its positions move"
+    assert f"damaged or doubtful: {bag}: {sentence}" in capsys.readouterr().out
+    assert main(["fleet", "report", str(tmp_path / "d")]) == 0
+    assert sentence in " ".join(capsys.readouterr().out.split())
+    (note, *_) = re.advise(bag, "kr16", look_at_speeds=False).report.notes
+    assert note.startswith(f"{bag}: {sentence}")
+
+
 def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     """A part of it comes in, is said to be damaged, and makes way for the whole."""
     recording, whole = tmp_path / "hall" / "r1" / "run7", (WARM / "kr16_warm_0.mcap").read_bytes()
@@ -123,8 +137,8 @@ def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     for where in (tmp_path / "hall", file):  # the second: as a bag of its own
         assert main(["fleet", "run", str(where), *words]) == 3
     said = capsys.readouterr().out
-    assert "1 bag: 1 replayed, 0 there already, 0 refused, 1 damaged" in said
-    assert f"damaged, read in part: {recording}: run7_0.mcap: the file ends inside a chunk" in said
+    assert "1 bag: 1 replayed, 0 there already, 0 refused, 1 damaged or doubtful" in said
+    assert f"damaged or doubtful: {recording}: run7_0.mcap: the file ends inside a chunk" in said
     html, written = tmp_path / "d.html", tmp_path / "d.json"
     outputs = ["--html", str(html), "--json", str(written)]
     assert main(["fleet", "report", str(tmp_path / "d"), *outputs]) == 0

@@ -232,6 +232,17 @@ def test_an_axis_without_temperature_gets_a_constant_and_the_other_its_law(
     assert note.startswith("no motor temperature of elbow, so that friction is a constant there")
 
 
+def test_axes_recorded_at_one_temperature_are_named(
+    folder: Path, whole: FullIdentification
+) -> None:
+    others = ("dynamics", "cabinet", "drives", "capacitor")
+    result = identify_everything(bags_in(folder)[:1], whole.step("dynamics").model, others)
+    (note,) = identification_report(result, result.model, (), (), None).notes
+    assert note.startswith("friction of shoulder, elbow was recorded at one temperature each")
+    laws = [joint.friction.viscous for joint in result.model.joints]
+    assert all(law.law == "constant" and law.fitted_degc is not None for law in laws)
+
+
 def test_a_recording_without_the_temperature_of_one_axis_is_named(
     folder: Path, whole: FullIdentification
 ) -> None:

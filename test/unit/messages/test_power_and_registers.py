@@ -92,6 +92,11 @@ def test_energy_registers(run):
     assert len({*values.values()}) >= 4  # no field shows another's register
     assert found.energy_start.sec == 10
     assert found.measured_energy == pytest.approx(200.0 * found.comparison_time)
+    assert np.isnan(found.predicted_energy_at_meter)  # 2 s of motion with a lag that is not known
+    account.comparison.swing.sums[2] = 0
+    found = decode(
+        RegistersWriter(model.joint_names, model.model_id).encode(account), "EnergyRegisters"
+    )
     assert found.predicted_energy_at_meter == account.comparison.predicted_energy
     assert found.observed_time == pytest.approx(399 / 200)
     names = {"shaft_positive": "shaft_energy_positive", "shaft_negative": "shaft_energy_negative"}

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from refusals import refused
 from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion import FourierBasis, FourierMotion
 
@@ -60,9 +59,3 @@ def test_only_the_chosen_harmonics_are_in_it():
 def test_senseless_series_are_refused(harmonics, period):
     with pytest.raises(MotionError):
         FourierBasis(harmonics, period)
-
-
-def test_weights_of_the_wrong_shape_are_refused():
-    basis = FourierBasis(5, 10.0)
-    with refused(MotionError, found="(8, 2)", expected="9"):
-        FourierMotion(basis, np.zeros((8, 2)))

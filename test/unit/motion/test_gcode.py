@@ -12,8 +12,8 @@ from refusals import refused
 from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion.gcode import load_gcode, read_gcode
 from robot_energy_plan.motion.gcode_words import words_of
-from robot_energy_plan.motion.tool_path import Arc, Dwell, LineSegment, ToolPath
-from robot_energy_plan.motion.tool_timing import TimedPath
+from robot_energy_plan.motion.tool_corners import Arc, Dwell, LineSegment, ToolPath
+from robot_energy_plan.motion.tool_motion import TimedPath
 
 HEAD = "G21 G90\nG0 X0 Y0 Z0\n"
 
@@ -435,16 +435,6 @@ def test_files_that_are_none(tmp_path):
         load_gcode(tmp_path)
     with pytest.raises(MotionError, match="no G-code file"):
         load_gcode(tmp_path / "none.gcode")
-
-
-def test_a_path_with_a_hole_is_refused():
-    lines = [
-        LineSegment((0, 0, 0), (1, 0, 0), 0.1),
-        Dwell(1.0),
-        LineSegment((1, 0, 0.1), (2, 0, 0), 0.1, 7),
-    ]
-    with refused(MotionError, found=("line 7", "[1, 0, 0.1]"), expected="[1, 0, 0]"):
-        ToolPath(lines)
 
 
 @given(st.text(alphabet="GMXYZIJREFNS0123456789.-+* ();\t%/x\u00e9", max_size=60))

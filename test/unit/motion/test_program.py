@@ -62,9 +62,7 @@ def test_one_via_holds_still():
 @pytest.mark.parametrize(
     ("via", "dwell", "text"),
     [
-        (VIA[0], 0.1, "via configurations have shape"),
         (VIA * 2, 0.1, "via 3 puts joint 1 at -4; expected -3 to 3"),
-        (VIA, [0.1, 0.2], "dwell times have shape"),
         (VIA, -0.1, "dwell times are -0.1"),
         (VIA[:1], 0.0, "neither moves nor rests"),
     ],

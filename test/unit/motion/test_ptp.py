@@ -120,7 +120,6 @@ def test_no_way_takes_no_time():
     [
         ([0, 0, 0], [0, 2.5, 0], 1.0, "the goal puts joint 2 at 2.5; expected -2 to 2"),
         ([0, 0, np.nan], [0, 0, 0], 1.0, "the start puts joint 3 at nan"),
-        ([0, 0], [0, 0, 0], 1.0, r"the start has shape \(2,\); expected one value for each of 3"),
         ([0, 0, 0], [1, 0, 0], 0.0, r"the speed override is 0.0; expected a share in \(0, 1\]"),
     ],
 )
@@ -134,7 +133,6 @@ def test_impossible_motions_are_refused(start, goal, override, text):
     [
         ({"velocity": np.array([1.0, 0.0, 1.0])}, "velocity limits are"),
         ({"acceleration": np.array([1.0, np.inf, 1.0])}, "acceleration limits are"),
-        ({"upper": np.array([3.0, 2.0])}, "the limit 'upper' has shape"),
         ({"upper": np.array([3.0, -2.0, 1.0])}, "expected lower < upper"),
         ({"jerk_time": -1.0}, "jerk_time is -1.0 s"),
     ],

@@ -12,9 +12,8 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy_plan.motion import random_program
 from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp import MotionLimits
-from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
-from robot_energy_plan.optimization.chain import PowerChain
-from robot_energy_plan.optimization.plan import CostTable, CyclePlan, saving
+from robot_energy_plan.optimization.chain import Candidates, PowerChain, PtpMoves, grid
+from robot_energy_plan.optimization.search import CostTable, CyclePlan, saving
 from robot_energy_plan.prediction import predict
 
 MODEL = load("kr16")

@@ -8,7 +8,7 @@ import pytest
 import robot_energy as re
 from places import ROOT
 from robot_energy.foundation.errors import MotionError
-from robot_energy_plan.optimization.levelling import level_starts
+from robot_energy_plan.shared_bus import level_starts
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 
@@ -52,5 +52,3 @@ def test_robots_of_one_cell_do_not_start_together():
 def test_levelling_needs_a_common_cycle():
     with pytest.raises(MotionError, match="no cycle time"):
         re.optimize(MOVES, "kr16", 40.0, level=[MOVES])
-    with pytest.raises(MotionError, match="two robots or more"):
-        level_starts([np.ones(3)], 1.0)

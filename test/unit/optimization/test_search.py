@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy_plan.optimization.candidates import Candidates
-from robot_energy_plan.optimization.chain import Use
-from robot_energy_plan.optimization.plan import CostTable, CyclePlan
-from robot_energy_plan.optimization.search import cheapest, front, uniform
+from robot_energy_plan.optimization.chain import Candidates, Use
+from robot_energy_plan.optimization.search import CostTable, CyclePlan, cheapest, front, uniform
 
 MOVES, WAYS = 4, 5
 

@@ -7,10 +7,15 @@ import robot_energy as re
 from places import ROOT
 from robot_energy.model import load
 from robot_energy.model.joint import ViscousExponent
+from robot_energy_plan.motion.joint_trajectory import read_csv_trajectory
 from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
-from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
-from robot_energy_plan.optimization.candidates import Candidates, PtpMoves, grid
-from robot_energy_plan.optimization.chain import TORQUE_SHARE, PowerChain
+from robot_energy_plan.optimization.chain import (
+    TORQUE_SHARE,
+    Candidates,
+    PowerChain,
+    PtpMoves,
+    grid,
+)
 from robot_energy_plan.optimization.time_law import LawLimits, PathPower, path_power, time_law
 from robot_energy_plan.optimization.timed_moves import law_limits, timed_moves
 from robots import figure

@@ -103,38 +103,11 @@ def test_registers_that_observed_no_time_show_no_energy(state):
     assert found["energy_flow"] is None
 
 
-def test_all_totals_are_those_of_the_instant_of_the_registers(state):
-    """The registers divide the second state of the five: 10 J, and 2 J of its 25 J."""
-    ends, power = [0.1, 0.2, 0.3, 0.4, 0.5], [100.0, 250.0, 200.0, 200.0, 200.0]
-    net = {"observed_time": 0.12, "energy": 12.0, "stamp": 0.12}
-    state.take_power(power_states(ends[:1], power[:1]), 5.0)
-    state.take_registers(registers(**net))
-    assert state.snapshot(5.0)["registers"] is None  # until the power states have reached them
-    state.take_power(power_states(ends[1:], power[1:]), 5.0)
-    found = state.snapshot(5.0)
-    assert found["headline"]["energy"] == 12.0
-    for span in found["spans"].values():
-        assert span["energy"] == pytest.approx(12.0)
-        assert span["seconds"] == pytest.approx(0.12)
-        assert span["coverage"] == pytest.approx(1.0)
-    assert sum(phase["energy"] for phase in found["phases"]) == pytest.approx(12.0)
-    state.take_registers(registers(95.0, stamp=0.5, observed_time=0.5))
-    assert sum(phase["energy"] for phase in state.snapshot(5.0)["phases"]) == pytest.approx(95.0)
-
-
 def test_a_gap_is_not_covered_and_edges_are(state):
     state.take_power(power_states([0.07, 0.17], [100.0, 100.0]), 5.0)
     assert state.snapshot(5.0)["spans"]["live"]["coverage"] == pytest.approx(1.0)
     state.take_power(power_states([0.37], [100.0]), 5.0)
     assert state.snapshot(5.0)["spans"]["live"]["coverage"] == pytest.approx(0.75)
-
-
-def test_states_are_counted_though_registers_cease(state):
-    state.take_registers(registers(0.0, stamp=0.0))
-    for second in range(1, 20):
-        state.take_power(power_states([float(second)], [100.0], period=1.0), 5.0)
-    total = sum(phase["energy"] for phase in state.snapshot(5.0)["phases"])
-    assert total == pytest.approx(1900.0)
 
 
 def test_quality_bits_become_alarms_with_a_remedy(state):
@@ -175,22 +148,13 @@ def test_findings_are_bounded_and_safe(state):
     assert PageFinding.of_status(99, "a", "b", {}).level == "ERROR"
 
 
-def test_phases_gather_time_and_energy(state):
-    phase = np.array([1, 1, 2, 3, 200], dtype=np.uint8)
-    state.take_power(power_states([0.1, 0.2, 0.3, 0.4, 0.5], 100.0, phase=phase), 0.0)
-    found = {row["name"]: row for row in state.snapshot(0.0)["phases"]}
-    assert found["HOLD"]["seconds"] == pytest.approx(0.2)
-    assert found["GENERATING"]["energy"] == pytest.approx(20.0)
-    assert found["HOLD"]["mean"] == pytest.approx(100.0)
-
-
-def test_a_phase_has_the_energy_of_the_time_in_which_its_power_was_known(state):
-    phase = np.array([1, 1, 2, 2], dtype=np.uint8)
-    power = [math.nan, math.nan, 100.0, math.inf]
-    state.take_power(power_states([0.1, 0.2, 0.3, 0.4], power, phase=phase), 0.0)
-    found = {row["name"]: row for row in state.snapshot(0.0)["phases"]}
-    assert (found["HOLD"]["energy"], found["HOLD"]["mean"]) == (None, None)
-    assert found["MOTION"]["mean"] == pytest.approx(100.0)
+def test_phases_are_those_that_the_registers_count(state):
+    counted = {"phase_ns": [[0, 3 * 10**9, 0, 10**9]], "phase_microjoule": [[0, 9 * 10**8, 0, 0]]}
+    state.take_registers(registers(900.0, **{k: np.array(v) for k, v in counted.items()}))
+    assert state.snapshot(0.0)["phases"] == [
+        {"name": "HOLD", "seconds": 3.0, "energy": 900.0, "mean": 300.0},
+        {"name": "GENERATING", "seconds": 1.0, "energy": 0.0, "mean": 0.0},
+    ]
 
 
 def test_malformed_and_huge_messages_change_nothing(state):

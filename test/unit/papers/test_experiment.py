@@ -6,8 +6,8 @@ import pytest
 from plants import LIMITS, two_link_profile
 from robot_energy.bag import BagReader
 from robot_energy_papers import experiment
-from robot_energy_papers.experiment import Plan, by_motion, make_programs, soaked
-from robot_energy_plan.motion import Program, Sequence
+from robot_energy_papers.experiment import Plan, Sequence, by_motion, make_programs, soaked
+from robot_energy_plan.motion import Program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
 from robot_energy_rig.record import outputs
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from robot_energy.model import load
 from robot_energy.model.schema import Cabinet
-from robot_energy.physics.cabinet import CabinetStage, FanStage
+from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage
 from robots import figure
 
 

@@ -5,7 +5,13 @@ import robots
 from refusals import refused
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model.drive_models import EfficiencyMap, LossDrive, LossMap
-from robot_energy.physics.drive import EfficiencyMaps, Ideal, LossMaps, LossModel, drive_from_model
+from robot_energy.physics.drives_and_cabinet import (
+    EfficiencyMaps,
+    Ideal,
+    LossMaps,
+    LossModel,
+    drive_from_model,
+)
 from robots import figure
 
 

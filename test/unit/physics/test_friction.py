@@ -38,6 +38,19 @@ def test_outside_the_fitted_range_the_edge_is_held_and_flagged():
     )
 
 
+def test_a_constant_seen_at_one_temperature_is_used_everywhere_and_flagged_elsewhere():
+    curve = law(
+        ConstantLaw, law="constant", viscous=figure(3.0) | {"std": 0.1}, fitted_degc=[18, 25]
+    )
+    degc = np.array([17.9, 18.0, 25.0, 60.0])
+    np.testing.assert_array_equal(curve.viscous(degc), 3.0)
+    np.testing.assert_array_equal(curve.extrapolated(degc), [True, False, False, True])
+    np.testing.assert_array_equal(curve.std(degc), [np.nan, 0.1, 0.1, np.nan])
+    plain = law(ConstantLaw, law="constant", viscous=figure(3.0) | {"std": 0.1})
+    assert not plain.extrapolated(degc).any()
+    np.testing.assert_array_equal(plain.std(degc), 0.1)
+
+
 # Covariance of a, b, c by the inverse of the information of 40 measurements of fv, one at each
 # temperature between 20 and 59 degC, each with a standard deviation of 0.05, on the law
 # 2 + 8 exp(-T/20): numpy.linalg.inv(J.T @ J / 0.05**2), to ten digits.

@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline
 
 from robot_energy.messages.fields import DRIVE_POWER_TOPIC
 from robot_energy.model import load
-from robot_energy.physics.drive import drive_from_model
+from robot_energy.physics.drives_and_cabinet import drive_from_model
 from robot_energy.physics.friction import FrictionModel
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_plan.motion import InverseKinematics, Trajectory

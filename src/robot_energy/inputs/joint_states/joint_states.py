@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.decode import (
     JOINT_STATE,
@@ -46,16 +46,18 @@ from robot_energy.timeline.stamps import (
     BY_PERIOD,
     MAX_MAX_GAP,
     MIN_PERIOD_NS,
-    StampOrder,
+    EpochRun,
+    Reach,
     sentence_of,
 )
-from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter
+from robot_energy.timeline.streams import StampOrder, StreamSplitter
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 MIN_REPEATS = 20  # steps after repeated states that make a driver known for it
 SEVERE_GAP_SHARE = 0.1  # of the steps, that a driver's gaps are named [-]
+MIN_ROUNDED_NS = SECOND_NS // 1000  # that make steps of a robot uneven
 MIN_GRID_NS = SECOND_NS // 10_000  # a driver rounds its stamps to no less
 CHANGES_IN_WINDOW = 5  # of the positions, for a slope that is none of a staircase
 BESIDE_NS = SECOND_NS  # this long after another state, zeros may be those of the robot
@@ -315,6 +317,12 @@ class JointStateIngest:
                 "publishers contradict each other, stamps are rounded or late, or rows are "
                 f"corrupt: {refused} samples refused"
             )
+            if grid_ns >= MIN_ROUNDED_NS and not self._receive_time:
+                setting = "joint_states: {stamp_source: receive}"
+                sentence += (
+                    f"; the stamps are multiples of {1e-6 * grid_ns:.3g} ms: if the driver rounds "
+                    "them, set joint_states.stamp_source to receive"
+                )
         else:
             return []
         newest = self.newest_ns or 0  # a stamp that stands still is as new

@@ -342,6 +342,7 @@ class PublisherConflictFilter:
                 held = []
             elif disputed[row] or bool(back.any()):
                 self.joints |= back
+                self.grid_ns = gcd(self.grid_ns, stamp, *([] if before is None else [before[0]]))
                 self._note(stamp)
                 refused += len(held)
                 self._broken |= bool(held)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.bag.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
 from robot_energy.bag.cdr.types import typestore as default_typestore
 from robot_energy.foundation.errors import ParameterError
@@ -29,12 +28,14 @@ from robot_energy.timeline.blocks import (
 from robot_energy.timeline.stamps import (
     BACKWARD_JUMP_NS,
     BAD_STAMP,
+    EpochRun,
+    Reach,
     first_needed,
     held_rows,
     sentence_of,
     valid_stamps,
 )
-from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter, joined
+from robot_energy.timeline.streams import StreamSplitter, joined
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -117,6 +118,7 @@ def _joined(held: Values, new: Values) -> Values:
 
 
 Kind = tuple[MeterMeaning, MeterLocation]
+MAX_REFUSED = 0.1  # of the messages, beyond which it is said
 REACH = Reach(max_ahead_ns=3600 * SECOND_NS, prompt=True)  # meters of one reading an hour
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 _INDEX = re.compile(r"\[(\d{1,9})\]")
@@ -174,6 +176,15 @@ class MeterIngest:
         self._pairing = Pairing(self.source.pair_max_age, self.rejections)
         self._stream = StreamSplitter[MeterBlock](REACH, self.rejections.reject)
         self.epochs = self._stream.epochs
+
+    @property
+    def refused(self) -> str:
+        """That more than a tenth of its messages were refused, and why; empty if not."""
+        rejected, received = self.rejections.rejected, self.rejections.received
+        if rejected.total() <= MAX_REFUSED * received:
+            return ""
+        reasons = ", ".join(f"{count} {reason}" for reason, count in rejected.most_common())
+        return f"of {received} messages of the power meter {reasons} were refused"
 
     def _read_numbers(self, typestore: Typestore) -> dict[str, _Number]:
         """Return what makes a reading, by its text, after a check that the type has it."""

@@ -52,7 +52,8 @@ export function showHeadline(robot) {
   const half = registers?.predicted_energy_band;
   const sure = known(half) && headline.energy > 0 ? ` ± ${percent(half / headline.energy)}` : "";
   const start = registers ? `predicted${sure}, since ${clock(registers.energy_start, true)}` : "no register yet";
-  const error = registers?.predicted_energy_at_meter / registers?.measured_energy - 1;
+  const atMeter = registers?.predicted_energy_at_meter; // not known in the first seconds
+  const error = known(atMeter) ? atMeter / registers.measured_energy - 1 : null;
   setText(byId("energy-note"), known(error) ? `${start}; ${signedPercent(error)} against the meter` : start);
   const job = headline.job;
   big("job", ...energyParts(job?.energy));

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from places import ROOT
 from plants import LIMITS, PROGRAM, two_link_profile
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
@@ -190,6 +191,20 @@ def test_a_clock_that_differs_from_the_others_is_found_and_undone(varied, late):
     assert np.abs(moved.meter.stamp_ns - varied.meter.stamp_ns).max() < 0.03e9
     assert f"{abs(late):.1f}" in note
     assert ("behind" if late > 0 else "ahead of") in note
+
+
+@pytest.mark.parametrize("late", [-8.0, -5.0, 3.0])
+def test_a_clock_is_found_where_a_smaller_shift_explains_a_little(late):
+    """Power of a cold robot that is 3 s late explains a fifth of it as it stands."""
+    parts = [
+        read_recording(ROOT / f"bags/drawn_train_{name}", load("kr16"), EffortMeaning.NONE)
+        for name in ("cold", "middle", "warm")
+    ]
+    kept, notes = on_one_clock(parts)
+    assert not notes
+    (moved, *_), (note,) = on_one_clock([parts[0].with_meter_earlier(-late), *parts[1:]])
+    assert note.startswith("drawn_train_cold")
+    assert np.abs(moved.meter.stamp_ns - kept[0].meter.stamp_ns).max() < 0.05e9
 
 
 def test_of_two_clocks_that_nearer_to_the_joint_states_stays(varied):

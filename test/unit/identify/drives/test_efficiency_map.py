@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy.physics.drive import EfficiencyMaps
+from robot_energy.physics.drives_and_cabinet import EfficiencyMaps
 from robot_energy_identify.drives.efficiency_map import (
     MIN_EFFICIENCY,
     processed,

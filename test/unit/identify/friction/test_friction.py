@@ -281,6 +281,9 @@ def test_one_temperature_gives_a_constant_and_says_what_to_record():
     assert fit.chosen == "constant"
     assert "record it cold and warm" in fit.warnings[0]
     assert fit.law.viscous.value == pytest.approx(viscous(41.0), rel=0.05)
+    low, high = fit.law.fitted_degc  # as far as a constant cannot be distinguished from a law
+    assert low == pytest.approx(fit.range_degc[1] - 6.0, abs=0.1)
+    assert high == pytest.approx(fit.range_degc[0] + 6.0, abs=0.1)
 
 
 def test_held_out_temperatures_say_the_laws_apart():

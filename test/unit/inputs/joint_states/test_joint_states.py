@@ -354,6 +354,21 @@ def test_stamps_rounded_near_the_period_are_no_second_publisher(cut):
     assert finding.setting == "joint_states: {stamp_source: receive}"
 
 
+@pytest.mark.parametrize("cut", [1, 7, 1000])
+def test_stamps_rounded_below_the_period_are_mended_by_times_of_receipt(cut):
+    """125 Hz rounded to 5 ms: steps of 5 and 10 ms, of which the short ones look too fast."""
+    at = np.arange(1000) / 125
+    q, stamp = 1.5 * np.sin(2.6 * at), 1 + np.round(at / 0.005) * 0.005
+    sent = [message(t, NAMES, (p, 0.3 * p), ()) for t, p in zip(stamp, q, strict=True)]
+    ingest = JointStateIngest(NAMES, limits=limits())
+    for row in range(0, len(sent), cut):
+        take(ingest, sent[row : row + cut], flush=False)
+    ingest.flush()
+    (finding,) = ingest.findings()
+    assert "the stamps are multiples of 5 ms: if the driver rounds them" in finding.sentence
+    assert finding.setting == "joint_states: {stamp_source: receive}"
+
+
 @pytest.mark.parametrize(
     ("late", "words"),
     [(0.0, "let the driver send a stamp for each state"), (0.006, "stamps are rounded or late")],

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.foundation.errors import MessageTypeError, ParameterError
 from robot_energy.inputs.meter.meter import MeterIngest
@@ -106,6 +106,9 @@ def test_a_reading_without_a_location_is_not_one_without_a_meaning():
     assert len(block) == 1
     assert ingest.rejections.rejected == {"unknown_location": 1, "unknown_meaning": 2}
     assert ingest.rejections.balanced
+    assert ingest.refused == (
+        "of 4 messages of the power meter 2 unknown_meaning, 1 unknown_location were refused"
+    )
 
 
 def test_float32_is_read_as_well():

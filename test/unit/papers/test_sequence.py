@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from robot_energy.foundation.errors import MotionError
-from robot_energy_plan.motion import MotionLimits, Program, Sequence
+from robot_energy_papers.experiment import Sequence
+from robot_energy_plan.motion import MotionLimits, Program
 
 LIMITS = MotionLimits(
     np.array([-3.0, -2.0]), np.array([3.0, 2.0]), np.array([2.0, 1.0]), np.array([8.0, 5.0])
@@ -40,8 +41,6 @@ def test_it_is_continuous_and_samples_may_come_in_any_order():
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ([], "no part"),
-        ([(FIRST, 0.0)], "finite times > 0"),
         ([(FIRST, FIRST.period), (Program(-FIRST.via, LIMITS), 5.0)], "part 2 begins 0.8 rad"),
         ([(FIRST, 0.5), (SECOND, 5.0)], "part 2 begins"),
     ],
