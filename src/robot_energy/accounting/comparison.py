@@ -24,6 +24,7 @@ from robot_energy.accounting.meter_response import (
     MeterResponse,
     PowerSwing,
     ShownPower,
+    StillReadings,
 )
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
@@ -96,6 +97,7 @@ class Comparison(ExactSum):
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
         minute: Sums over the newest minute.
+        still: Readings that stay the same while the predicted power changes.
         swing: How much the predicted power varied over what was compared.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
@@ -114,6 +116,7 @@ class Comparison(ExactSum):
         super().__init__(2)  # measured, predicted
         self._stated = response
         self.lag, self.minute, self.swing = LagEstimate(), NewestMinute(), PowerSwing()
+        self.still = StillReadings()
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -346,6 +349,8 @@ class Comparison(ExactSum):
         result, energy, end_ns = found or _compared(predicted, measured, start, until)
         self.add(energy)
         self.swing.take(result)
+        if self.meaning is not MeterMeaning.CUMULATIVE:
+            self.still.take(result)
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
 
