@@ -12,7 +12,7 @@ from robot_energy_identify.drives.drive_data import DriveData, drive_data_of_log
 from robot_energy_logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
-from robot_energy_rig.output import RigOutput, Truth
+from robot_energy_rig.config import RigOutput, Truth
 from robot_energy_rig.record import outputs
 
 NOISE = 0.02  # of the power, and

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import JointBlock

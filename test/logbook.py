@@ -10,8 +10,7 @@ import numpy as np
 
 import robot_energy as re
 from robot_energy.bag import BagReader
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, stamp_ns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.model import save

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.encode import Encoder, stamp_columns
 from robot_energy.bag.cdr.types import typestore
 from robot_energy.inputs.temperatures.kinds import (

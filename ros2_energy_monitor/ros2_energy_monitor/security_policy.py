@@ -20,7 +20,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any
 from xml.etree import ElementTree
@@ -34,7 +34,7 @@ from robot_energy.foundation.files.output_files import GENERATOR, FileKind, chec
 from ros2_energy_monitor.base.run_node import ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.executables import EXECUTABLES
-from ros2_energy_monitor.web.robot_feed import SERVICES
+from ros2_energy_monitor.nodes.energy_dashboard import SERVICES
 
 POLICY = (FileKind("policy", b"<?xml", f"<!-- {GENERATOR} -->".encode()),)
 # Nodes that run for long, with what keeps them from files and other computers.
@@ -134,15 +134,13 @@ def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[N
             for one in (node, *seen):
                 spin_until(lambda node=one: is_seen(node), one.get_name())
             rights = rights_of(node)
-            found.append(_with_actions(rights, rights_of(seen[0]), node) if seen else rights)
+            if getattr(getattr(node, "parameters", None), "allow_control", False):
+                # What the buttons of the dashboard call; it makes a client when one is pressed.
+                offered = rights_of(seen[0]).reply
+                asked = {one for one in offered if one.rpartition("/")[2] in SERVICES}
+                rights = replace(rights, request=rights.request | asked)
+            found.append(rights)
     return found
-
-
-def _with_actions(page: NodeRights, monitor: NodeRights, node: Any) -> NodeRights:
-    """Add what the buttons of the dashboard call; it makes a client when one is pressed."""
-    wanted = SERVICES if getattr(node.parameters, "allow_control", False) else ()
-    asked = {name for name in monitor.reply if name.rpartition("/")[2] in wanted}
-    return NodeRights(page.node, page.publish, page.subscribe, page.reply, page.request | asked)
 
 
 @contextmanager

@@ -31,7 +31,7 @@ from robot_energy.bag import BagWriter
 from robot_energy.foundation.errors import BagError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE
 from robot_energy.messages.fields import JOINT_STATES_TOPIC
-from robot_energy_report.layouts.plots import DIAGNOSTICS, TOPICS
+from robot_energy_report.layouts import DIAGNOSTICS, TOPICS
 from robot_energy_rig.record import ORIGIN
 from ros2_energy_monitor.base.message_classes import message_class
 from ros2_energy_monitor.base.publishers import best_effort

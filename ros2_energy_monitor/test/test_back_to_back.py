@@ -15,8 +15,7 @@ import pytest
 from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReading, PowerState
 from sensor_msgs.msg import JointState
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder
+from robot_energy.bag.cdr.decode import Decoder, RawBatch
 from robot_energy.model import load, save
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import replay

@@ -16,7 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
 from ros2_energy_msgs.msg import EnergyRegisters, JointPower, PowerState
 
-from ros2_energy_monitor.demo.console_view import PARTS, ConsoleView
+from ros2_energy_monitor.nodes.console import PARTS, ConsoleView
 
 
 def state(**changes):

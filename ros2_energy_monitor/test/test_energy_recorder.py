@@ -37,7 +37,7 @@ from ros2_energy_monitor.nodes import energy_recorder
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
-from ros2_energy_monitor.recorder import alarm_watch
+from ros2_energy_monitor.recorder import recorded_robot
 
 IMPORT = "predicted_import_microjoule"
 QUICK = {"take_period": 0.2, "write_period": 1.0, "look_period": 1.0, "min_free": 0}
@@ -171,8 +171,8 @@ def test_a_disk_that_hangs_is_said_and_stops_no_taking(
 def test_alarms_and_restarts_are_events(
     bench: Any, publish: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(alarm_watch, "LASTING", 0.3)
-    monkeypatch.setattr(alarm_watch, "OVER", 0.3)
+    monkeypatch.setattr(recorded_robot, "LASTING", 0.3)
+    monkeypatch.setattr(recorded_robot, "OVER", 0.3)
     monkeypatch.setattr(energy_recorder, "STATUS_PERIOD", 0.1)
     recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
     publish("/left/energy/registers", registers(60))
@@ -256,7 +256,7 @@ def test_heads_of_statuses_are_those_of_the_message() -> None:
         )  # fmt: skip
     message.status[2].values.append(KeyValue(key="restarts", value="7"))
     data = serialize_message(message)
-    stamp_ns, heads = alarm_watch.status_heads(data)
+    stamp_ns, heads = recorded_robot.status_heads(data)
     assert stamp_ns == 12 * SECOND + 34
     assert [(one.name, one.level, one.message) for one in heads] == [
         (one.name, one.level, one.message) for one in message.status
@@ -264,13 +264,13 @@ def test_heads_of_statuses_are_those_of_the_message() -> None:
     assert [one.restarts for one in heads] == ["", "", "7", ""]
     for length in range(len(data) - 3):  # up to three bytes fill the last word
         with pytest.raises((ValueError, struct.error, IndexError)):
-            alarm_watch.status_heads(data[:length])
+            recorded_robot.status_heads(data[:length])
 
 
 def test_an_alarm_is_noted_once_it_lasts_and_one_that_comes_again_is_the_same() -> None:
-    watch = alarm_watch.AlarmWatch("/left/")
+    watch = recorded_robot.AlarmWatch("/left/")
     ok, bad = (
-        [alarm_watch.StatusHead("left/energy_monitor: energy", level, "odd")]
+        [recorded_robot.StatusHead("left/energy_monitor: energy", level, "odd")]
         for level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
     )
     kinds = []

@@ -17,7 +17,7 @@ import pytest
 from rclpy.executors import Executor
 from sensor_msgs.msg import JointState
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from ros2_energy_monitor.base.inbox import Inbox, NeverReady
 from ros2_energy_monitor.base.publishers import best_effort, reliable

@@ -21,8 +21,8 @@ from rich.console import Console
 from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, JointPower, PowerState
 from ros2_energy_msgs.srv import OpenInterval
 
-from ros2_energy_monitor.demo.console_view import MAX_STATUSES, ConsoleView
 from ros2_energy_monitor.diagnostics.reporter import WARN, Reporter, StatusBuilder
+from ros2_energy_monitor.nodes.console import MAX_STATUSES, ConsoleView
 from ros2_energy_monitor.services.registers import RegisterServices
 
 NASTY = "a\x1b[2J\x1b]0;owned\x07\r\n[INFO] forged\x9b31m\u202e\u2028[red]"

@@ -16,7 +16,7 @@ from ros2_energy_msgs.msg import Payload
 from ros2_energy_msgs.srv import SetPayload
 from sensor_msgs.msg import JointState
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.model import load
 from robot_energy.model.payload import payload

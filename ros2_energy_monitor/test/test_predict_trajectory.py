@@ -28,8 +28,7 @@ from robot_energy.bag.cdr.types import typestore
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.model import load
 from robot_energy_cli.main import main
-from robot_energy_plan.motion.joint_trajectory import KINDS, PointColumns
-from robot_energy_plan.motion.trajectory_io import MESSAGE
+from robot_energy_plan.motion.joint_trajectory import KINDS, MESSAGE, PointColumns
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.services import trajectory_services
 from ros2_energy_monitor.services.prediction_process import PredictionProcess

@@ -15,7 +15,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import ParameterError
 from robot_energy_rig.record import RigEncoder
 from ros2_energy_monitor.base.node_parameters import RobotParameters

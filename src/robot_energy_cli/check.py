@@ -40,7 +40,7 @@ STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.check import check_together
-    from robot_energy_identify.results.check import CheckReport
+    from robot_energy_identify.check.finding import CheckReport
 
     named = model_named(args)
     check_outputs(args, [*args.bags, named, args.inputs])

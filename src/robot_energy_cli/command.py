@@ -43,11 +43,7 @@ frequency = number_type("frequency in Hz (above 0)", 0.0, MAX_NUMBER, open_low=T
 
 
 def whole(text: str) -> int:
-    """Return a whole number.
-
-    Raises:
-        ArgumentTypeError: If it is none, or beyond 1e9.
-    """
+    """Return a whole number; an `ArgumentTypeError` if it is none, or beyond 1e9."""
     value = float(number(text))
     if value != int(value):
         raise ArgumentTypeError(f"'{text[:40]}' is not a whole number")
@@ -78,11 +74,7 @@ class Command(Described):
 
     name: str
     text: str
-    run: Annotated[
-        Run,
-        "Runs it with what was typed and returns the exit code: 0, or 3 if a bag is damaged and "
-        "was read in part. What it refuses is a `RobotEnergyError`.",
-    ]
+    run: Annotated[Run, "Returns the exit code: 0, or 3 if a bag is damaged and was read in part."]
     options: Options | Callable[[ArgumentParser], None] = field(default_factory=dict[str, str])
     description: Annotated[str, "What it does, in its own help; empty for that of the list."] = ""
     epilog: str = ""
@@ -129,10 +121,7 @@ class Group(Described):
     title: str
     metavar: str
     parts: Annotated[Callable[[], Iterable[Command]], "Gives them; asked once all kinds are known."]
-    default: Annotated[
-        tuple[str, str, Run] | None,
-        "Name, text and run of the one that need not be named; None: one must be named.",
-    ] = None
+    default: Annotated[tuple[str, str, Run] | None, "The one that need not be named."] = None
 
     def add_parser(self, commands: Any) -> None:
         """Add it with its sub-commands."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from robot_energy_cli import (
     check,
+    dashboards,
     export,
     fleet,
     history,
@@ -13,10 +14,8 @@ from robot_energy_cli import (
     identify_excitation,
     import_logs,
     info,
-    layouts,
     listings,
     models,
-    monitoring,
     motions,
     replay,
     report,
@@ -48,5 +47,5 @@ COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
     test.COMMAND, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
     motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
-    simulate.COMMAND, listings.SCHEMA, layouts.COMMAND, monitoring.COMMAND,
+    simulate.COMMAND, listings.SCHEMA, dashboards.LAYOUTS, dashboards.MONITORING,
 )  # fmt: skip

@@ -1,13 +1,4 @@
-"""`robot-energy export`: the power of a recorded bag over time, as CSV or Parquet.
-
-Run a recorded bag through the model of its robot and write its power over time: one row per
-sample or per period, with predicted, measured and residual power, every loss, phase and
-quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
-
-examples:
-  robot-energy export bag --model kr16 --out power.csv
-  robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
-"""
+"""The command `robot-energy export`: power over time as a table."""
 
 from __future__ import annotations
 
@@ -46,6 +37,16 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
+    """`robot-energy export`: the power of a recorded bag over time, as CSV or Parquet.
+
+    Run a recorded bag through the model of its robot and write its power over time: one row per
+    sample or per period, with predicted, measured and residual power, every loss, phase and
+    quality, and the same per joint. Units are those of the nomenclature: W, N m, rad/s, degC.
+
+    examples:
+      robot-energy export bag --model kr16 --out power.csv
+      robot-energy export bag --model kr16 --power-period 0.1 --out power.parquet
+    """
     from robot_energy.replay.api import replay
 
     suffix = next((end for end in KINDS if args.out.lower().endswith(end)), None)
@@ -78,4 +79,4 @@ def _run(args: Namespace) -> int:
     return DAMAGED if result.replay.problems else 0
 
 
-COMMAND = Command.of(__doc__, _run, OPTIONS)
+COMMAND = Command.of(_run.__doc__, _run, OPTIONS)

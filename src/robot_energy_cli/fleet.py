@@ -142,34 +142,20 @@ def _shown(
     """A bar with the time left on a terminal; else a line every half minute."""
     from robot_energy_report.formats import counted
 
-    named = counted(len(bags), "bag")
+    named, last = counted(len(bags), "bag"), time.monotonic()
     whole, before = max(1, sum(bag.place.size for bag in bags)), done.done_size
-    begun = last = time.monotonic()
-    skipped = 0
     tty = sys.stderr.isatty() and sys.stdout.isatty()
     with progress(f"replaying {named}") as bar:
 
         def show(now: FleetRun) -> None:
-            nonlocal last, skipped, begun
-            share = (now.done_size - before) / whole
-            bar(share)
-            if now.there and not now.read and not now.refused:
-                skipped, begun = now.done_size - before, time.monotonic()
-            elapsed = time.monotonic() - begun
-            if tty or time.monotonic() - last < LOG_EVERY or share * whole <= skipped:
-                return
-            last = time.monotonic()
-            left = elapsed * (whole * (1.0 - share)) / (share * whole - skipped)
-            count = now.there + now.read + len(now.refused)
-            text = f"{count} of {named}, {100 * share:.0f} %, {_time(left)} left"
-            print(text, file=sys.stderr, flush=True)
+            nonlocal last
+            bar((now.done_size - before) / whole)
+            if not tty and time.monotonic() - last >= LOG_EVERY:
+                last = time.monotonic()
+                count = now.there + now.read + len(now.refused)
+                print(f"{count} of {named}", file=sys.stderr, flush=True)
 
         yield show
-
-
-def _time(seconds: float) -> str:
-    minutes = round(seconds / 60.0)
-    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min"
 
 
 def _print(args: Namespace, report: FleetRunReport) -> None:
@@ -271,7 +257,7 @@ def _identify(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_fleet.dataset import read_tables
     from robot_energy_fleet.identify import identify_fleet
-    from robot_energy_report.friction_figure import friction_over_temperature
+    from robot_energy_report.identification import friction_over_temperature
 
     IdentifyInputs(args).check_results()
     tables = read_tables(args.dataset)

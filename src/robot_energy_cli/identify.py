@@ -124,7 +124,7 @@ def _friction(args: Namespace) -> int:
     """
     from robot_energy.model import load
     from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
-    from robot_energy_report.friction_figure import friction_over_temperature
+    from robot_energy_report.identification import friction_over_temperature
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -176,7 +176,6 @@ def _friction_of_log(given: IdentifyInputs) -> list[FrictionData]:
 
 
 def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
-    """Test unseen temperatures, with the true ones and with shuffled ones."""
     from robot_energy_identify.friction.temperature_study import shuffled, temperature_split
     from robot_energy_identify.results.identification import axis_study, exponential_gain
 

@@ -84,7 +84,7 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.drives.all_drives import find_drives
     from robot_energy_identify.plausibility import check_drives, check_total
     from robot_energy_identify.provenance import hashed, identified_from
-    from robot_energy_identify.results.drives import drives_report
+    from robot_energy_identify.results.identification import drives_report
     from robot_energy_report.drives import efficiency_maps, mapped
 
     IdentifyInputs(args).check_results()

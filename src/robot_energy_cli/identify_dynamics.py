@@ -17,13 +17,10 @@ examples:
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.foundation.process_memory import peak_memory
 from robot_energy_cli.command import LIST, Command, Options
 from robot_energy_cli.identify_inputs import (
     SENSOR_OPTIONS,
@@ -83,29 +80,15 @@ def _run(args: Namespace) -> int:
 
     IdentifyInputs(args).check_results()
     IdentifyInputs(args).check_source(needs_effort=True)
-    for name in ("clarabel", "scipy.interpolate", "scipy.ndimage", "scipy.signal"):
-        import_module(name)  # here, so that the time below is of the work alone
-    begin = time.perf_counter()
     model, recordings, sources, reference = _log(args) if args.log else _bags(args)
-    read = time.perf_counter()
     settings = _settings(args)
     channels = [part for stretches in recordings.values() for part in stretches]
     result = identify_dynamics(channels, model, settings)
-    done = time.perf_counter()
-    peak = peak_memory() / 1e6
     held_out, consistent = result.held_out(), result.held_out_consistent()
     with cause_named(lambda: [evidence_of_rows(result)]):
         check_dynamics(result, consistent)
     bags = [] if args.log else [Path(bag) for bag in args.bags]
     written = to_model(result, [hashed(bag) for bag in bags] or sources)
-    effort = [
-        (
-            "time",
-            f"{done - begin:.2f} s from files to model, {read - begin:.2f} s of it reading; "
-            "without imports",
-        ),
-        ("memory", f"{peak:.0f} MB at most"),
-    ]
     across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
     report = dynamics_report(result, held_out, consistent, across=across)
     present(
@@ -115,7 +98,6 @@ def _run(args: Namespace) -> int:
         f"Identified from {', '.join(sources)}. Model {written.model_id}.",
         model=written,
         reference=reference,
-        effort=effort,
         details=args.details,
     )
     return 0

@@ -87,7 +87,7 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
     from robot_energy_identify.excitation.limits import ExcitationLimits
     from robot_energy_identify.results.dynamics import excitation_report
-    from robot_energy_plan.motion.trajectory_io import (
+    from robot_energy_plan.motion.joint_trajectory import (
         check_sampling,
         points,
         write_csv,
@@ -122,7 +122,7 @@ def _run(args: Namespace) -> int:
 
 def _folder(args: Namespace, model: RobotModel) -> Path:
     """Refuse what cannot be written before the search."""
-    from robot_energy_plan.motion.trajectory_io import csv_kind
+    from robot_energy_plan.motion.joint_trajectory import csv_kind
 
     folder = folder_path(args.out)
     inputs = [args.model]

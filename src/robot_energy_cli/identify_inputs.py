@@ -101,11 +101,7 @@ class IdentifyInputs:
         return SensorLimits(**given)
 
     def link_voltages(self) -> tuple[float, float] | None:
-        """Return the voltages of the DC link, None if they were not given.
-
-        Returns:
-            Rectified mains, and the voltage at which the brake chopper starts. [V]
-        """
+        """Return rectified mains and start of the brake chopper [V]; None if not given."""
         if self.args.link_voltages is None:
             return None
         low, high = self.args.link_voltages
@@ -127,9 +123,7 @@ class IdentifyInputs:
     def check_source(self, needs_effort: bool = False, relative: str = "") -> None:
         """Refuse bags together with logs, without what they need, or one recording twice.
 
-        Args:
-            needs_effort: Whether the command uses the effort in the joint states of bags.
-            relative: Why a log, which needs its mapping, makes no model file; empty where it does.
+        ``relative`` says why a log, which needs its mapping, makes no model file.
         """
         from robot_energy_identify.provenance import require_distinct
 

@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import sys
+import threading
 from argparse import (
     Action,
     ArgumentError,
@@ -13,10 +14,12 @@ from argparse import (
     HelpFormatter,
     Namespace,
 )
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from io import TextIOWrapper
 from textwrap import wrap
+from types import FrameType
 from typing import Any, NoReturn, cast
 
 from robot_energy import __version__
@@ -24,10 +27,10 @@ from robot_energy.foundation.errors import KindError, RobotEnergyError
 from robot_energy.foundation.extras import is_ours, missing
 from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
+from robot_energy.foundation.stopping import DEFAULTS, End
 from robot_energy_cli.command import Command
 from robot_energy_cli.commands import COMMANDS
 from robot_energy_cli.listings import COMPLETION
-from robot_energy_cli.stopping import Stopped, stoppable
 
 
 class WrappedHelp(HelpFormatter):
@@ -53,7 +56,6 @@ class WrappedHelp(HelpFormatter):
 
 
 def _indented(line: str, width: int) -> list[str]:
-    """One line as several that are no wider."""
     if len(line) <= width:
         return [line]
     own = " " * (len(line) - len(line.lstrip()))
@@ -124,14 +126,7 @@ class Parser(ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[Any, list[str]]:
-        """Refuse unknown options first, so that they are not reported as missing ones.
-
-        Args:
-            args: Words of the command line; None for those of the process.
-
-        Returns:
-            The values, and no words that are left.
-        """
+        """Return the values, no words; unknown options are refused first, not as missing ones."""
         self.complete()
         words = list(sys.argv[1:] if args is None else args)
         for word in words:
@@ -168,8 +163,6 @@ def _near(word: str, names: Sequence[str]) -> str:
 
 
 class _Version(Action):
-    """Says the version, and whether the compiled kernels are in use."""
-
     def __call__(self, parser: ArgumentParser, *_: Any) -> None:
         from robot_energy.physics import kernels  # loads numpy
 
@@ -224,6 +217,42 @@ HELP = Command(
     _run_help,
     {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
 )
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal to stop was received."""
+
+    def __init__(self, number: int) -> None:
+        self.number = signal.Signals(number)
+        super().__init__(self.number.name)
+
+
+@contextmanager
+def stoppable() -> Generator[None]:
+    """Raise `Stopped` in the block on SIGTERM and SIGHUP, KeyboardInterrupt on SIGINT.
+
+    Those that are ignored, as under nohup, or have a handler of others are left alone.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    found = {number: signal.getsignal(number) for number in DEFAULTS if main}
+    changed = {
+        number: handler
+        for number, handler in found.items()
+        if isinstance(handler, End) or handler is signal.SIG_DFL
+    }
+    try:
+        for number in changed:
+            asked = signal.default_int_handler if number == signal.SIGINT else _stop
+            signal.signal(number, asked)
+        yield
+    finally:
+        for number, handler in changed.items():
+            signal.signal(number, handler)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    del frame
+    raise Stopped(number)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -27,18 +27,13 @@ A **figure** is a number with the way it is known:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema (2020-12) of model files, with a description at every key.
-
-    Kinds that the user registered are in it.
-    """
+    """Return the JSON schema (2020-12) of model files with registered kinds, all keys described."""
     schema = RobotModel.model_json_schema(schema_generator=_Generator)
     schema["properties"]["drive"]["enum"] = list(DRIVE_MODELS)
     return {"$schema": _DIALECT, **schema, "title": f"Model file, version {SCHEMA_VERSION}"}
 
 
 class _Generator(GenerateJsonSchema):
-    """Schema of models with the words of their annotations."""
-
     def model_schema(self, schema: core_schema.ModelSchema) -> JsonSchemaValue:
         found, kind = super().model_schema(schema), schema["cls"]
         prose = (kind.__doc__ or "").removesuffix(section_of(kind))
@@ -132,7 +127,6 @@ def _reached(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
 
 
 def _kind(field: dict[str, Any], titles: dict[str, str]) -> str:
-    """Say in words what a key holds."""
     if "$ref" in field:
         name = str(field["$ref"]).rsplit("/", 1)[-1]
         return {"Figure": "figure", "PositiveFigure": "figure >= 0"}.get(

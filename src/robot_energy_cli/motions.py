@@ -37,8 +37,7 @@ AT_ORIGIN = (
 START_POSITION = "--start-position"
 
 
-def tool_table(several: bool = False) -> Options:
-    """Return the options, for one robot or for several."""
+def _tool_table(several: bool = False) -> Options:
     words = {"action": "append" if several else "store"}
     each = "; once for all robots, or once per model" if several else ""
     return {
@@ -66,11 +65,9 @@ def tool_table(several: bool = False) -> Options:
     }
 
 
-def tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
-    """Return what was given."""
+def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolOptions:
     from robot_energy_plan.motion.load_motion import ToolOptions, joint_list
-    from robot_energy_plan.motion.tool_motion import ToolPlacement
-    from robot_energy_plan.motion.tool_timing import ToolLimits
+    from robot_energy_plan.motion.tool_motion import ToolLimits, ToolPlacement
 
     placement = ToolPlacement()
     if base is not None:
@@ -112,7 +109,7 @@ PREDICT_OPTIONS: Options = {
     **flags(PredictOptions, ""),
     "--topic NAME": "of the JointTrajectory in a bag",
     "output": {**OUTPUTS, "--plot FILE": "draw energy and power: png, svg or pdf"},
-    "G-code and shapes": tool_table(several=True),
+    "G-code and shapes": _tool_table(several=True),
     "shapes\nan STL file is cut into layers; no infill": {
         "--layer-height MM": "default 10 mm",
         "--print-speed MM_PER_S": "of the tool, default 125 mm/s",
@@ -240,7 +237,7 @@ def _tool_and_shape(args: Namespace, base: str | None, start: str | None) -> Too
     }
     given_sizes = {name: 1e-3 * value for name, value in sizes.items() if value is not None}
     return replace(
-        tool_options(args, base, start), slicing=Slicing(unit=args.stl_unit, **given_sizes)
+        _tool_options(args, base, start), slicing=Slicing(unit=args.stl_unit, **given_sizes)
     )
 
 
@@ -263,7 +260,7 @@ OPTIMIZE_OPTIONS: Options = {
     "--temperature DEGC|A..B": "temperature of all motors, or the range in which they work "
     "(default: that of the model)",
     **flags(OptimizeOptions, ""),
-    "G-code": {**tool_table(), **flags(OptimizeOptions, TOOL)},
+    "G-code": {**_tool_table(), **flags(OptimizeOptions, TOOL)},
     "part of recorded joint states: one cycle": flags(OptimizeOptions, PART),
     "output": {
         "--out FILE": "write the chosen program in the form of the given one",
@@ -295,7 +292,7 @@ def _optimize(args: Namespace) -> int:
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     with progress(f"{args.program}: every move in every way") as show:
         options: Any = keywords_of(optimize, args) | {
-            "tool": tool_options(args, args.base, args.start_position),
+            "tool": _tool_options(args, args.base, args.start_position),
             "progress": show,
         }
         found = optimize(args.program, args.model, _temperature(args.temperature), **options)
@@ -343,7 +340,7 @@ SHARED_BUS_OPTIONS: Options = {
     "--temperature DEGC": "temperature of all motors, for programs (default: that of each model)",
     **flags(SharedBusOptions, ""),
     "outputs": OUTPUTS,
-    "G-code": tool_table(),
+    "G-code": _tool_table(),
     **READING,
 }
 
@@ -365,7 +362,7 @@ def _shared_bus(args: Namespace) -> int:
     from robot_energy_plan.api.shared_bus import shared_bus
 
     check_outputs(args, [*args.motions, *args.model, args.inputs])
-    tool = tool_options(args, args.base, args.start_position)
+    tool = _tool_options(args, args.base, args.start_position)
     given: Any = keywords_of(shared_bus, args) | {"tool": tool}
     found = shared_bus(args.motions, args.model, args.temperature, **given)
     present(

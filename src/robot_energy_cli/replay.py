@@ -1,32 +1,13 @@
-"""`robot-energy replay`: where the energy of a recorded bag went.
-
-Run a recorded bag through the model of its robot and print where the energy went:
-predicted and measured over the same time, per joint, per loss and per phase, and which
-samples were rejected for which reason.
-
-Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
-sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type,
-name the one to use. Describe other types in the parameter file of the monitor (--inputs).
-
-examples:
-  robot-energy replay bag --model kr16
-  robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-  robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
-  robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
-  robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
-  robot-energy replay bag --model kr16 --effort motor_torque
-  robot-energy replay bag --model kr16 --serve
-  robot-energy replay long_bag --model kr16 --processes 2
-  robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
-"""
+"""The command `robot-energy replay`."""
 
 from __future__ import annotations
 
 import time
 from argparse import Namespace
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robot_energy.foundation.errors import PageError, ReportError
 from robot_energy.foundation.process_memory import keep_freed_memory
@@ -41,7 +22,13 @@ from robot_energy_cli.replay_arguments import (
     options_given,
     replay_options,
 )
-from robot_energy_cli.terminal import JSON_OPTION, check_bag, check_outputs, present, progress
+from robot_energy_cli.terminal import (
+    JSON_OPTION,
+    check_bag,
+    check_outputs,
+    present,
+    progress,
+)
 
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
@@ -49,8 +36,6 @@ if TYPE_CHECKING:
     from robot_energy.replay.bag_replay import Replay
     from robot_energy.results.replay import ReplayReport
     from robot_energy_report.page.recording import RecordedPage
-    from robot_energy_report.page.settings import PageSettings
-    from robot_energy_report.replay_figures import TemperatureHistory
 
 CHECKED_TIME = 600.0  # s of a recording
 DIFFERENCE = 0.03  # of shaft energies, over measured out + back: more has a cause
@@ -77,79 +62,113 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
+    """`robot-energy replay`: where the energy of a recorded bag went.
+
+    Run a recorded bag through the model of its robot and print where the energy went: predicted and
+    measured over the same time, per joint, per loss and per phase, and which samples were rejected
+    for which reason.
+
+    Topics are found by their type: sensor_msgs/JointState, MotorTemperatures or
+    sensor_msgs/Temperature (frame_id = joint), PowerReading. If there are several of one type, name
+    the one to use. Describe other types in the parameter file of the monitor (--inputs).
+
+    examples:
+      robot-energy replay bag --model kr16
+      robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
+      robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
+      robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
+      robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
+      robot-energy replay bag --model kr16 --effort motor_torque
+      robot-energy replay bag --model kr16 --serve
+      robot-energy replay long_bag --model kr16 --processes 2
+      robot-energy replay bag --robot fr3 --model my_fr3.yaml --json - | jq .comparison
+    """
     from robot_energy.foundation.files.placement import all_or_none
-    from robot_energy.model import load
     from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
+    from robot_energy_report.page.settings import load_settings
     from robot_energy_report.replay import ReplayCurves
     from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
-    named = model_named(args)
-    inputs = [args.bag, named, args.inputs, args.jobs, args.page_settings]
+    inputs = [args.bag, model_named(args), args.inputs, args.jobs, args.page_settings]
     check_outputs(args, inputs)
     if args.out is not None:
         check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report))
-    model, change = load(named), None
-    if args.fixed_friction is not None:
-        model, change = fixed_friction(model, args.fixed_friction)
-    settings = _page_settings(args)
-    recorded = _recorded_page(args, model, settings)
-    runs = [(model, change)]
-    if args.compare is not None:
-        runs.append(fixed_friction(model, args.compare))
+    if args.page_settings is not None and not args.serve and args.report is None:
+        raise PageError("--page-settings was given alone", "--serve or --report FILE")
+    if args.port is not None and not args.serve:
+        raise PageError("--port was given without --serve", "--serve --port N")
+    model, change = model_given(args)
+    settings = load_settings(args.page_settings or "")
+    written = {"out": args.out, "overwrite": args.overwrite}
     temperatures = TemperatureHistory(model.joint_names)
+    take, page = [temperatures.take], None
+    if args.serve:
+        from robot_energy_report.page.recording import RecordedPage
+
+        page = RecordedPage(Path(args.bag).name, model, settings)
+        take.append(page.take)
+        if args.power_period is None and args.out is None:
+            written["power_period"] = page.period
+    kept = args.plot is not None or args.report is not None
     with all_or_none():
-        results = [
-            _replay(args, used, None if number else (recorded, temperatures))
-            for number, (used, _) in enumerate(runs)
-        ]
-        changes = [change for _, change in runs]
-        second = replay_report(results[1], changes[1]) if len(runs) > 1 else None
+        results = [replayed(args, args.bag, model, take, kept, written)]
+        changes, second = [change], None
+        if args.compare is not None:
+            other, changed = fixed_friction(model, args.compare)
+            results.append(replayed(args, args.bag, other, (), kept, {}))
+            changes.append(changed)
+            second = replay_report(results[1], changed)
         report = _explained(args, replay_report(results[0], change, second), model)
         curves = None
         if args.report is not None:
             curves = ReplayCurves(curves_of(results, changes), temperatures)
-        title = f"Where the energy went: {report.model.robot}"
         present(
             args,
             report,
-            title,
+            f"Where the energy went: {report.model.robot}",
             made="bag",
             plot=lambda path: _plot(path, results, changes),
             curves=curves,
             settings=settings,
         )
-    _serve_page(args, recorded, results[0])
+    if page is not None:
+        page.finish(results[0])
+        _serve(args, page)
     return DAMAGED if results[0].problems else 0
 
 
-def _replay(
+def model_given(args: Namespace) -> tuple[RobotModel, str | None]:
+    """The model, and how its friction was changed."""
+    from robot_energy.model import load
+    from robot_energy.replay.api import fixed_friction
+
+    model = load(model_named(args))
+    fixed = args.fixed_friction
+    return (model, None) if fixed is None else fixed_friction(model, fixed)
+
+
+def replayed(
     args: Namespace,
+    bag: str,
     model: RobotModel,
-    shown: tuple[RecordedPage | None, TemperatureHistory] | None,
+    take: Sequence[Callable[[Output], None]],
+    curves: bool,
+    written: dict[str, Any],
 ) -> Replay:
-    """Replay; the first run, which is shown, also writes the bag."""
+    """Replay a bag with what was typed; each output goes to all of ``take``."""
     from robot_energy.replay.bag_replay import replay
     from robot_energy.replay.setup import ReplaySetup
 
-    options = options_given(args)
-    if shown is not None:
-        options |= {"out": args.out, "overwrite": args.overwrite}
-    page, temperatures = shown or (None, None)
+    def take_all(output: Output) -> None:
+        for one in take:
+            one(output)
 
-    def take(output: Output) -> None:
-        if page is not None:
-            page.take(output)
-        if temperatures is not None:
-            temperatures.take(output)
-
-    if args.power_period is None and args.out is None and page is not None:
-        options["power_period"] = page.period
     keep_freed_memory()
-    with progress("replaying" if shown is not None else "with fixed friction") as show:
-        setup = ReplaySetup.of(options | {"progress": show})
-        curves = args.plot is not None or args.report is not None
-        return replay(args.bag, model, setup, on_output=take, keep_curves=curves)
+    label = f"replaying {Path(bag).name}" if take else "with fixed friction"
+    with progress(label) as show:
+        setup = ReplaySetup.of(options_given(args) | written | {"progress": show})
+        return replay(bag, model, setup, on_output=take_all, keep_curves=curves)
 
 
 def _explained(args: Namespace, report: ReplayReport, model: RobotModel) -> ReplayReport:
@@ -187,31 +206,7 @@ def _shafts_differ(report: ReplayReport) -> bool:
     return error > DIFFERENCE * measured
 
 
-def _page_settings(args: Namespace) -> PageSettings:
-    from robot_energy_report.page.settings import load_settings
-
-    if args.page_settings is not None and not args.serve and args.report is None:
-        raise PageError("--page-settings was given alone", "--serve or --report FILE")
-    return load_settings(args.page_settings or "")
-
-
-def _recorded_page(
-    args: Namespace, model: RobotModel, settings: PageSettings
-) -> RecordedPage | None:
-    """The page to fill; None where none is asked for."""
-    if args.port is not None and not args.serve:
-        raise PageError("--port was given without --serve", "--serve --port N")
-    if not args.serve:
-        return None
-    from robot_energy_report.page.recording import RecordedPage
-
-    return RecordedPage(Path(args.bag).name, model, settings)
-
-
-def _serve_page(args: Namespace, page: RecordedPage | None, result: Replay) -> None:
-    if page is None:
-        return
-    page.finish(result)
+def _serve(args: Namespace, page: RecordedPage) -> None:
     from robot_energy_report.page.access import page_access
     from robot_energy_report.page.web_server import PageServer
 
@@ -242,4 +237,4 @@ def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
     power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
 
 
-COMMAND = Command.of(__doc__, _run, OPTIONS)
+COMMAND = Command.of(_run.__doc__, _run, OPTIONS)

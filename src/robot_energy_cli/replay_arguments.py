@@ -56,11 +56,7 @@ READING: Options = {  # how bags are read, without their robot
 
 
 def replay_options(period: str | None = None, compare: str = "", fixed: bool = True) -> Options:
-    """Return the options of a command that replays bags, which it names itself.
-
-    Args:
-        period: What the averaging period is for; empty as of a replay; None: there is none.
-    """
+    """Return the options of a command that replays bags: no period of means where it is None."""
     either: dict[str, Any] = {}
     if fixed:
         text = "keep friction at its value at this temperature, whatever was measured"

@@ -1,36 +1,15 @@
-"""`robot-energy report`: one page about recorded bags, or about the JSON of a result.
-
-Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
-joints, temperatures and friction, phases, data quality, model. From recorded bags with the model
-of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
-Several recordings come in order of time: totals, one row each, and how error and power change.
-For robots with models of their own, give the JSON that `replay` wrote for each.
-
-examples:
-  robot-energy report bag --model kr16 --out page.html
-  robot-energy report cold warm hot --model kr16 --out page.html
-  robot-energy report monday tuesday --model kr16 --page-settings prices.yaml --out week.pdf
-  robot-energy report left.json right.json --out page.html
-"""
+"""The command `robot-energy report`: one page about recordings."""
 
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import ReplayOptions
 from robot_energy_cli.command import LIST, REQUIRED, Command, Options, flags
-from robot_energy_cli.replay_arguments import (
-    BAG,
-    DAMAGED,
-    PAGE_SETTINGS,
-    model_named,
-    options_given,
-    replay_options,
-)
-from robot_energy_cli.terminal import check_report, console, progress, sign, wrote
+from robot_energy_cli.replay import model_given, replayed
+from robot_energy_cli.replay_arguments import BAG, DAMAGED, PAGE_SETTINGS, replay_options
+from robot_energy_cli.terminal import check_report, console, sign, wrote
 
 if TYPE_CHECKING:
     from robot_energy.results.replay import ReplayReport
@@ -47,6 +26,20 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
+    """`robot-energy report`: one page about recorded bags, or about the JSON of a result.
+
+    Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
+    joints, temperatures and friction, phases, data quality, model. From recorded bags with the
+    model of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
+    Several recordings come in order of time: totals, one row each, and how error and power change.
+    For robots with models of their own, give the JSON that `replay` wrote for each.
+
+    examples:
+      robot-energy report bag --model kr16 --out page.html
+      robot-energy report cold warm hot --model kr16 --out page.html
+      robot-energy report monday tuesday --model kr16 --page-settings prices.yaml --out week.pdf
+      robot-energy report left.json right.json --out page.html
+    """
     from robot_energy_cli.result_schema import read_result
     from robot_energy_plan.results.prediction import PredictionsReport
     from robot_energy_report.document import Document
@@ -60,14 +53,11 @@ def _run(args: Namespace) -> int:
     given = [*args.source, *filter(None, names)]
     check_report(args.out, given)
     settings = load_settings(args.page_settings or "")
-    damaged = False
     replays: list[tuple[ReplayReport, ReplayCurves | None]] = []
     page = Document("Where the energy went")
     for source in args.source:
         if not source.lower().endswith(".json"):
-            report, curves, is_damaged = _replayed(args, source)
-            damaged = damaged or is_damaged
-            replays.append((report, curves))
+            replays.append(_curves(args, source))
             continue
         result = read_result(source)
         if isinstance(result, PredictionsReport):
@@ -85,28 +75,18 @@ def _run(args: Namespace) -> int:
     for report, _ in replays:
         out.print(f"{report.bag}: {headline(report)}")
     wrote(out, args.out, "report")
-    return DAMAGED if damaged else 0
+    return DAMAGED if any(one.problems for one, curves in replays if curves) else 0
 
 
-def _replayed(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, bool]:
-    from robot_energy.model import load
-    from robot_energy.replay.api import fixed_friction
-    from robot_energy.replay.bag_replay import replay
-    from robot_energy.replay.setup import ReplaySetup
+def _curves(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves]:
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
     from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
-    model, change = load(model_named(args)), None
-    if args.fixed_friction is not None:
-        model, change = fixed_friction(model, args.fixed_friction)
-    keep_freed_memory()
+    model, change = model_given(args)
     temperatures = TemperatureHistory(model.joint_names)
-    with progress(f"replaying {Path(bag).name}") as show:
-        setup = ReplaySetup.of(options_given(args) | {"progress": show})
-        result = replay(bag, model, setup, on_output=temperatures.take, keep_curves=True)
-    curves = ReplayCurves(curves_of([result], [change]), temperatures)
-    return replay_report(result, change), curves, bool(result.problems)
+    result = replayed(args, bag, model, [temperatures.take], True, {})
+    return replay_report(result, change), ReplayCurves(curves_of([result], [change]), temperatures)
 
 
-COMMAND = Command.of(__doc__, _run, OPTIONS)
+COMMAND = Command.of(_run.__doc__, _run, OPTIONS)

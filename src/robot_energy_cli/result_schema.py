@@ -24,12 +24,12 @@ from robot_energy.results.base import SCHEMA_VERSION, Result
 from robot_energy.results.replay import ReplayReport
 from robot_energy_fleet.results.advice import AdviceReport
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
-from robot_energy_identify.results.check import CheckReport
-from robot_energy_identify.results.drives import DrivesReport
+from robot_energy_identify.check.finding import CheckReport
 from robot_energy_identify.results.dynamics import DynamicsReport, ExcitationReport
 from robot_energy_identify.results.evaluation import EvaluationReport
 from robot_energy_identify.results.identification import (
     CabinetReport,
+    DrivesReport,
     FrictionReport,
     FrictionStudyReport,
     IdentificationReport,

@@ -94,11 +94,7 @@ def progress(label: str) -> Generator[Callable[[float], None], None, None]:
 def check_outputs(
     args: Namespace, inputs: Iterable[str | None] = (), model: str | None = None
 ) -> None:
-    """Refuse output files before the work that they are for.
-
-    Args:
-        args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-    """
+    """Refuse the output files that a command has, before the work that they are for."""
     if getattr(args, "plot", None) is not None:
         from robot_energy_report.canvas import check_format
 
@@ -159,13 +155,7 @@ def present(
     notes: Sequence[str] = (),
     **words: Any,
 ) -> None:
-    """Write JSON, page and figure where they were asked for, put all in place, and print.
-
-    Args:
-        args: Of the command, with ``json``, ``report`` and ``plot`` where it has them.
-        notes: At the end of the page.
-        words: Of the document of the result.
-    """
+    """Write JSON, page and figure where they were asked for, put all in place, and print."""
     from robot_energy.model import save
     from robot_energy_report.document import document_of
     from robot_energy_report.html import write_page
@@ -173,8 +163,13 @@ def present(
 
     page = document_of(result, title, lead, **words)
     page.notes(notes)
-    named = ("json", "out", "report", "plot")
-    files = {name: getattr(args, name, None) for name in named}
+    kinds = {
+        "out": made,
+        "json": "all figures as JSON",
+        "report": "report",
+        "plot": "figure",
+    }
+    files = {name: getattr(args, name, None) for name in kinds}
     with all_or_none():
         if files["json"] is not None:
             write_json(files["json"], result.to_dict())
@@ -190,12 +185,6 @@ def present(
         return
     out = console()  # last: the reader of a pipe may close it early
     print_document(page, out)
-    kinds = {
-        "out": made,
-        "json": "all figures as JSON",
-        "report": "report",
-        "plot": "figure",
-    }
     for name, what in kinds.items():
         path = files[name]
         if path is not None:

@@ -196,12 +196,8 @@ _SHAPE = (COLUMNS, COLUMNS)
 class BagFigures(Described):
     """Figures of B bags."""
 
-    multiplier: Annotated[
-        Float, "Measured over model friction, shape (B, n); NaN where unknown. [-]"
-    ]
-    mass: Annotated[
-        Float, "More than the model's payload, of gravity alone, shape (B,); NaN: unknown. [kg]"
-    ]
+    multiplier: Annotated[Float, "Measured over model friction, shape (B, n); NaN: unknown. [-]"]
+    mass: Annotated[Float, "Beyond the model's payload, by gravity, shape (B,); NaN: unknown. [kg]"]
 
 
 class BagJoints(Described):
@@ -214,11 +210,7 @@ class BagJoints(Described):
     stamp_ns: Annotated[Int, "Its begin, shape (B,). [ns]"]
     figures: BagFigures
     degc: Annotated[Float, "Mean motor temperature, shape (B, n). [degC]"]
-    work: Annotated[
-        Float,
-        "What bags differ in: shares of w^2 at temperatures, mean and square speed, shape (B, n, "
-        "K). [-]",
-    ]
+    work: Annotated[Float, "Shares of w^2 at temperatures, mean and square speed, (B, n, K). [-]"]
 
 
 def bag_joints(tables: FleetTables, robots: Sequence[str]) -> BagJoints:
@@ -316,7 +308,10 @@ def bag_figures(gram: Float, rows: Int) -> BagFigures:
         rows: Samples behind them, shape (B, n).
     """
     enough = rows >= MIN_ROWS
-    fitted = _solved(gram, [MODEL, PAYLOAD, INERTIA, OFFSET])
+    columns = [MODEL, PAYLOAD, INERTIA, OFFSET]
+    unit, length = _scaled(gram[..., columns, :][..., columns])
+    right = gram[..., columns, MEASURED] / length
+    fitted = np.linalg.solve(unit, right[..., None])[..., 0] / length
     multiplier = np.where(enough & (fitted[..., 0] > 0.0), fitted[..., 0], np.nan)
     square, product, noise = _load(gram, np.maximum(rows, 1))
     weight = np.where(enough & (noise > 0.0), 1.0 / np.maximum(noise, 1e-12), 0.0)
@@ -332,13 +327,6 @@ def _scaled(gram: Float) -> tuple[Float, Float]:
     length = np.where(length > 0.0, length, 1.0)
     unit = gram / (length[..., :, None] * length[..., None, :])
     return unit + TINY * np.eye(gram.shape[-1]), length
-
-
-def _solved(gram: Float, columns: list[int]) -> Float:
-    """Coefficients of columns in a fit of the measured friction, shape (..., len(columns))."""
-    unit, length = _scaled(gram[..., columns, :][..., columns])
-    right = gram[..., columns, MEASURED] / length
-    return np.linalg.solve(unit, right[..., None])[..., 0] / length
 
 
 def _load(gram: Float, rows: Int) -> tuple[Float, Float, Float]:

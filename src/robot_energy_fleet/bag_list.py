@@ -55,9 +55,7 @@ class FleetBag(Described):
     model_digest: str = ""
     version: str = __version__
     named: Annotated[tuple[str, ...], "Addresses under which a table names it."] = ()
-    with_history: Annotated[bool, "Whether its registers at each minute are wanted as well."] = (
-        False
-    )
+    with_history: Annotated[bool, "Whether its registers at each minute are wanted, too."] = False
 
     @cached_property
     def settings(self) -> str:
@@ -251,7 +249,11 @@ def _row(
         texts["jobs"] = _text("jobs", Path(_near(folder, row["jobs"])))
     if row.get("effort"):
         options["effort"] = row["effort"]
-    path = _from(where, row["bag"])
+    path = row["bag"]  # starts at the folder of the table
+    if "://" in where and "://" not in path and not path.startswith("/"):
+        path = f"{where.rpartition('/')[0]}/{path}"
+    elif "://" not in path:
+        path = str(folder / os.path.expanduser(path))
     address = named_on(*file_system(path))
     own = replace(
         base,
@@ -268,13 +270,6 @@ def _row(
         places = [unusable(address, no_bag(address))]
     for place in places:
         yield replace(own, place=place)
-
-
-def _from(table: str, name: str) -> str:
-    """A path that starts at the folder of the table."""
-    if "://" in table and "://" not in name and not name.startswith("/"):
-        return f"{table.rpartition('/')[0]}/{name}"
-    return name if "://" in name else str(Path(table).parent / os.path.expanduser(name))
 
 
 def _near(folder: Path, name: str) -> str:

@@ -46,17 +46,12 @@ class BagPlace(Described):
     """Where a bag is."""
 
     address: str
-    files: Annotated[
-        tuple[str, ...],
-        "Addresses of its files with messages and metadata; none if it is not there.",
-    ]
+    files: Annotated[tuple[str, ...], "Of messages and metadata; none: it is not there."]
     sizes: Annotated[tuple[int, ...], "Of these files. [bytes]"]
     state: str
     is_folder: Annotated[bool, "Whether it is a folder of rosbag2."]
     is_local: Annotated[bool, "Whether it can be read where it is."]
-    problem: Annotated[
-        Exception | None, "Why it cannot be used; None if nothing speaks against it."
-    ] = None
+    problem: Annotated[Exception | None, "Why it cannot be used; None: it can."] = None
 
     @property
     def size(self) -> int:

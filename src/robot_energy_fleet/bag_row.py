@@ -14,7 +14,7 @@ from typing import Annotated, Any
 from robot_energy import __version__
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
@@ -55,10 +55,9 @@ class BagRow(Described):
     jobs_left_out: Annotated[int, "Jobs of which the bag holds a part only, how many."]
     observed_time: Annotated[float, "Predicted. [s]"]
     peak_memory: Annotated[int, "Most memory that the process has held so far. [bytes]"]
-    history: Annotated[
-        BagReadings | None,
-        "Its registers at each minute and its jobs; None where nobody asked for them.",
-    ] = None
+    history: Annotated[BagReadings | None, "Registers of minutes, and jobs; None: not asked."] = (
+        None
+    )
 
 
 def refused(bag: FleetBag, error: BaseException, bag_hash: str | None = None) -> BagRow:
@@ -154,7 +153,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
     day = UNKNOWN_DATE
     if start_ns is not None:
         day = f"{local_time(start_ns):%Y-%m-%d}"
-    listed = list(_jobs(result, report))
+    listed, registers = list(_jobs(result, report)), totals.joint_energy_microjoule
     row = {
         **_common(bag, bag_hash),
         **_counted(result, report, totals),
@@ -168,7 +167,10 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "jobs": listed,
         "jobs_left_out": _left_out(options.get("jobs"), result, report),
         "hours": hours.table(),
-        "joints": [own | more for own, more in zip(rows, _joints(totals), strict=True)],
+        "joints": [
+            own | {f"{name}_microjoule": registers[name][joint] for name in JOINT_ENERGIES}
+            for joint, own in enumerate(rows)
+        ],
         "meter_errors": errors.table(),
     }
     sealed = _sealed(bag, bag.name, row, day, report.time.observed_time)
@@ -273,12 +275,6 @@ def _left_out(jobs: Path | None, result: Replay, report: ReplayReport) -> int:
     return max(0, held - counted)
 
 
-def _joints(totals: Totals) -> Iterator[Row]:
-    registers = totals.joint_energy_microjoule
-    for joint in range(len(totals.shaft_compared_ns)):
-        yield {f"{name}_microjoule": registers[name][joint] for name in JOINT_ENERGIES}
-
-
 def _mean_degc(joints: list[Row]) -> float | None:
     """Mean motor temperature over joints in motion, each weighted by its time."""
     known = [row for row in joints if row["motor_temperature_degc"] is not None]
@@ -288,7 +284,9 @@ def _mean_degc(joints: list[Row]) -> float | None:
 
 
 def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float) -> BagRow:
-    whole = _fitting(row | {"name": name})
+    whole = {column: value for column, value in (row | {"name": name}).items() if column in SCHEMA}
+    for table, columns in TABLES.items():
+        whole[table] = [{one: part.get(one) for one in columns} for part in row.get(table, [])]
     return BagRow(
         RowKey(*(whole[field] for field in RowKey._fields)),
         date,
@@ -298,14 +296,6 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
         observed_time,
         peak_memory(),
     )
-
-
-def _fitting(row: Row) -> Row:
-    """Only the columns of the schema, in lists of rows too."""
-    found = {name: value for name, value in row.items() if name in SCHEMA}
-    for name, columns in TABLES.items():
-        found[name] = [{column: one.get(column) for column in columns} for one in row.get(name, [])]
-    return found
 
 
 class BagMinutes:

@@ -311,7 +311,7 @@ def read_tables(folder: str | Path) -> FleetTables:
     """Return the rows of a dataset, or of a history, as the tables that reports are made from."""
     if is_history(folder):
         return history_tables(folder)
-    time = {"observed_time": "observed_ns", "compared_time": "compared_ns", "time": "observed_ns",
+    time = {"observed_time": "observed_ns", "time": "observed_ns",
             "gap_time": "gap_ns"}  # fmt: skip
     energy = {"grid_energy": "grid_import", "brake_energy": "brake", "measured_energy": "measured",
               "predicted_energy_at_meter": "predicted_at_meter"}  # fmt: skip

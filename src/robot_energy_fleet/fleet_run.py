@@ -298,9 +298,7 @@ class FleetRun:
     written: Annotated[int, "Size of their rows. [bytes]"] = 0
     peak_memory: Annotated[int, "Most memory that one worker has held. [bytes]"] = 0
     done_size: Annotated[int, "Size of the bags that are done. [bytes]"] = 0
-    overlap_ns: Annotated[
-        int, "Time of the bags replayed that the history had from others. [ns]"
-    ] = 0
+    overlap_ns: Annotated[int, "Time of replayed bags that the history had from others. [ns]"] = 0
     begun: float = field(default_factory=time.monotonic)
 
     def report(self, dataset: Dataset) -> FleetRunReport:

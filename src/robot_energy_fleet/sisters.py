@@ -53,12 +53,8 @@ class Deviation(Described):
 
     robot: int
     size: Annotated[float, "Its level minus the mean of the sound ones. [unit of the figure]"]
-    std: Annotated[
-        float, "Standard deviation of the size, by the scatter of bags and of sound sisters."
-    ]
-    certainty: Annotated[
-        float, "Probability that it is not chance, all comparisons considered. [-]"
-    ]
+    std: Annotated[float, "Standard deviation, by the scatter of bags and sound sisters."]
+    certainty: Annotated[float, "Probability that it is not chance, of all comparisons. [-]"]
 
 
 def levels(figure: Float, robot: Int, work: Float, counted: np.ndarray) -> Levels:

@@ -12,11 +12,10 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import HOUR_NS, MICROJOULE, SECOND_NS
 from robot_energy.timeline.blocks import Phase
-from robot_energy_history.files import reader
+from robot_energy_history.files import FILE, reader
 from robot_energy_history.readings import COLUMNS
 from robot_energy_history.rollup import Rolled
 from robot_energy_history.rows import reading_from
-from robot_energy_history.schema import FILE
 from robot_energy_report.repeats import overlaps
 
 FLOATS = pl.List(pl.Float64)
@@ -286,7 +285,9 @@ def history_tables(folder: str | Path) -> FleetTables:
                 (Rolled.of(connection).quarters_from_ns,),
             )
         ]  # fmt: skip
-        for job in _rows(connection, "SELECT * FROM job ORDER BY start"):
+        found = connection.execute("SELECT * FROM job ORDER BY start")
+        for values in found:
+            job = {one[0]: value for one, value in zip(found.description, values, strict=True)}
             key = next(
                 (
                     key
@@ -313,9 +314,3 @@ def history_tables(folder: str | Path) -> FleetTables:
                 }
             )  # fmt: skip
     return tables_of([rows])
-
-
-def _rows(connection: Any, query: str) -> list[dict[str, Any]]:
-    found = connection.execute(query)
-    names = [one[0] for one in found.description]
-    return [dict(zip(names, row, strict=True)) for row in found]

@@ -12,7 +12,7 @@ import numpy as np
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.timeline.time_series import Column, TimeSeries
-from robot_energy_history.files import reader
+from robot_energy_history.files import JOB_SUMS, reader
 from robot_energy_history.queries import (
     RESOLUTIONS,
     Resolution,
@@ -27,7 +27,6 @@ from robot_energy_history.queries import (
     table_of,
     zone_of,
 )
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import day_begin, stored_tariffs
 from robot_energy_history.use import ENERGIES, RESTS, Costs, costs
 
@@ -142,12 +141,7 @@ def job_sums(
     folder: str | Path, bounds: Sequence[int], robots: Sequence[str],
     names: Sequence[str] = JOB_SUMS,
 ) -> TimeSeries:  # fmt: skip
-    """Return what `history_jobs` does, of all that is summed or of some.
-
-    Args:
-        bounds: Where parts of the time begin, and the end of the last. [ns]
-        names: Of `JOB_SUMS`, the energy from the grid among them.
-    """
+    """Return what `history_jobs` does, between bounds [ns], of all that is summed or of some."""
     with reader(folder) as connection:
         found = jobs(connection, robots_of(connection, robots), bounds, names)
     used = names.index("predicted_import_microjoule") - len(names)
@@ -228,7 +222,6 @@ def _by_shift(
     spans: TimeSeries,
     currency: str,
 ) -> History:
-    """Rows of each part, shift and robot that used energy in it."""
     rows = [
         (key, robot, place)
         for key in sorted(found)
@@ -240,7 +233,9 @@ def _by_shift(
         "stop_ns": np.array([bounds[key[0] + 1] for key, *_ in rows], dtype=np.int64),
         "shift": np.array([key[1] for key, *_ in rows], dtype=str),
     }
-    columns |= _columns([(found[key], place) for key, _, place in rows], (*ENERGIES, *PRICED))
+    for name in (*ENERGIES, *PRICED):
+        own = [found[key][name][place] for key, _, place in rows]
+        columns[name] = np.array(own, dtype=_kind(name))
     starts = np.array([bounds[key[0]] for key, *_ in rows], dtype=np.int64)
     units = {"stop_ns": "ns", **dict.fromkeys(ENERGIES, "uJ")}
     return _history(TimeSeries(starts, columns, units=units), spans, currency=currency)
@@ -263,14 +258,6 @@ def _priced(
 
 def _kind(name: str) -> type:
     return np.int64 if name.endswith("_microjoule") else float
-
-
-def _columns(rows: Sequence[tuple[Costs, int]], names: Sequence[str]) -> dict[str, Column]:
-    """Columns of costs, a row of each part and place of a robot in it."""
-    return {
-        name: np.array([one[name][place] for one, place in rows], dtype=_kind(name))
-        for name in names
-    }
 
 
 def _history(

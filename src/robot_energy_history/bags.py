@@ -16,11 +16,10 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.differences import SLOT_NS, Epoch, Event, step, zero_of
-from robot_energy_history.jobs import drop_jobs, put_job
+from robot_energy_history.files import LEVELS
 from robot_energy_history.readings import Reading
 from robot_energy_history.rollup import Rolled, change_curve, put_span
-from robot_energy_history.rows import put_epoch, put_events, reading_from
-from robot_energy_history.schema import LEVELS
+from robot_energy_history.rows import drop_jobs, put_epoch, put_events, put_job, reading_from
 
 BAG = "bag:"  # how the origin of its epochs begins
 MAX_JOBS = 2**12  # of a bag
@@ -30,16 +29,9 @@ class BagReadings(Described):
     """What a replay gives to a history."""
 
     robot: Annotated[str, "Name of the robot."]
-    name: Annotated[
-        str,
-        "Of the bag, its state and its settings; begins with a hash of where the bag is, and a "
-        "hyphen.",
-    ]
+    name: Annotated[str, "Of bag, state and settings; begins with a hash of its place, a hyphen."]
     readings: Annotated[tuple[Reading, ...], "Its registers at each UTC minute, from zero on."]
-    jobs: Annotated[
-        tuple[Mapping[str, Any], ...],
-        "That it holds whole, by `JOB_COLUMNS`; their numbers count from 0.",
-    ] = ()
+    jobs: Annotated[tuple[Mapping[str, Any], ...], "Whole ones, by `JOB_COLUMNS`, from 0 on."] = ()
 
 
 def has_bag(connection: sqlite3.Connection, name: str) -> bool:
@@ -49,11 +41,7 @@ def has_bag(connection: sqlite3.Connection, name: str) -> bool:
 
 
 def put_bag(connection: sqlite3.Connection, rolled: Rolled, robot: int, bag: BagReadings) -> int:
-    """Put a bag in.
-
-    Returns:
-        The time that others have recorded, which is left out. [ns]
-    """
+    """Return the time that others have recorded, which is left out of a bag that is put in. [ns]"""
     of_bag = f"{BAG}{bag.name.partition('-')[0]}-"
     for number, origin, *_ in _epochs(connection, robot):
         if origin.startswith(of_bag):

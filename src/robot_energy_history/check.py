@@ -13,20 +13,22 @@ from typing import Any
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS
 from robot_energy_history.differences import REPAIRED, CountedSpan, Event
-from robot_energy_history.files import DAMAGED, open_reader, open_writer, take_lock
-from robot_energy_history.jobs import unlike_jobs
-from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
-from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
-from robot_energy_history.rows import put_events, reading_from
-from robot_energy_history.schema import (
+from robot_energy_history.files import (
+    DAMAGED,
     FILE,
     LEVELS,
     TABLES,
     VERSION,
+    open_reader,
+    open_writer,
     prepare,
     require_version,
+    take_lock,
     version_of,
 )
+from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
+from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
+from robot_energy_history.rows import put_events, reading_from, unlike_jobs
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
@@ -110,7 +112,6 @@ def check_file(path: Path) -> str:
 
 
 def _columns(connection: sqlite3.Connection) -> set[tuple[str, str]]:
-    """Names of all tables with those of their columns."""
     return set(
         connection.execute(
             "SELECT t.name, c.name FROM sqlite_master t, pragma_table_info(t.name) c"

@@ -33,9 +33,7 @@ class Epoch(Described):
     first: Annotated[Reading, "Reading that it begins from."]
     last: Annotated[Reading, "Newest reading that was recorded."]
     known_until_ns: Annotated[int, "Until when it is known what was counted. [ns]"]
-    newest_ns: Annotated[
-        int, "Latest stamp that was recorded, also where clocks were set back. [ns]"
-    ]
+    newest_ns: Annotated[int, "Latest stamp recorded, also where clocks were set back. [ns]"]
 
 
 class CountedSpan(Described):
@@ -101,11 +99,7 @@ def zero_of(reading: Reading) -> Reading:
 
 
 def begun(reading: Reading, known: bool) -> EpochStep:
-    """Return the beginning of registers that are new here: all since they were zero counts.
-
-    Args:
-        known: Whether this robot was recorded before, with other registers.
-    """
+    """Return the beginning of registers that are new here; those of a known robot were reset."""
     zero = zero_of(reading)
     begin = max(0, reading.stamp_ns - reading.counted_ns)
     flags = 0 if known else EARLIER

@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterator, Sequence
+from decimal import Decimal
 from operator import itemgetter
 from pathlib import Path
 from typing import Annotated, Any
@@ -84,13 +85,10 @@ def rows(wanted: Wanted) -> list[Row]:
 
 def csv_bytes(wanted: Wanted) -> bytes:
     """Return the rows as CSV; unknown is an empty cell."""
-    found = rows(wanted)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = _names(found)
-    writer.writerow(names)
-    for row in found:
-        writer.writerow(["" if row.get(name) is None else row[name] for name in names])
+    found, text = rows(wanted), io.StringIO()
+    writer = csv.DictWriter(text, _names(found), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(found)
     return text.getvalue().encode()
 
 
@@ -188,7 +186,8 @@ def metrics_bytes(wanted: Wanted) -> bytes:
                 at[row["stop_ns"]] = total
             labels = f'{{robot="{_label(robot)}",part="{part}"}}'
             lines += [
-                f"{TABLE}_history_joules_total{labels} {_decimal(value, 6)} {_decimal(stop, 9)}"
+                f"{TABLE}_history_joules_total{labels} {Decimal(value).scaleb(-6):f} "
+                f"{Decimal(stop).scaleb(-9):f}"
                 for stop, value in at.items()
             ]
     return ("\n".join([*lines, "# EOF"]) + "\n").encode()
@@ -258,9 +257,3 @@ def _sql(value: Any) -> str:
             raise HistoryError("a name with a zero character", "one that PostgreSQL keeps")
         return "'" + value.replace("'", "''") + "'"
     return repr(value)
-
-
-def _decimal(value: int, digits: int) -> str:
-    """Return a whole number of small units as one of large units, with all its digits."""
-    size = 10**digits
-    return f"{value // size}.{value % size:0{digits}d}"

@@ -17,9 +17,9 @@ from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.timeline.time_series import Column, TimeSeries
 from robot_energy_history.differences import SLOT_NS
+from robot_energy_history.files import JOB_SUMS
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy_history.rollup import FLAGS, REGULAR, Rolled
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import day_begin
 
 Resolution = Literal["minute", "quarter", "hour", "day", "week", "month", "year", "all"]
@@ -70,13 +70,7 @@ def zone_of(name: str) -> ZoneInfo:
 
 
 def edges(start_ns: int, stop_ns: int, resolution: Resolution, zone: ZoneInfo) -> list[int]:
-    """Return where the parts of a time begin, and its end. [ns]
-
-    Args:
-        start_ns: Begin of the time; its part begins at or before it. [ns]
-        zone: Where days, weeks (from Monday), months and years begin at midnight; hours
-            begin where those of the zone do.
-    """
+    """Return where parts of a time begin, the first at or before it, and their end. [ns]"""
     if resolution == "all":
         return [start_ns, stop_ns]
     if resolution in FIXED:
@@ -116,11 +110,6 @@ def sums(
     """Return the sums of all slots that lie within each part, in order of time and robot.
 
     They are of the days, hours and quarters that it is made of, and of spans within it.
-
-    Args:
-        bounds: Where parts begin, and the end of the last. [ns]
-        table: ``joint`` for the sums of every joint, by `JOINT_COLUMNS`.
-        minutes: Whether minutes are summed, which are kept for some weeks, or quarter hours.
     """
     _put_pieces(connection, robots, list(pairwise(bounds)), minutes)
     by_joint = table == "joint"
@@ -175,11 +164,7 @@ def _put_pieces(
 
 
 def pieces(start_ns: int, stop_ns: int, until_ns: int) -> Iterator[tuple[int, int, int]]:
-    """Yield length of slots, begin and end of what a time is made of: days, hours, quarters. [ns]
-
-    Args:
-        until_ns: Up to where days and hours are rolled up. [ns]
-    """
+    """Yield length, begin and end of days, hours, quarters, up to where they are rolled up. [ns]"""
 
     def cut(start: int, stop: int, lengths: tuple[int, ...]) -> Iterator[tuple[int, int, int]]:
         if start >= stop:
@@ -257,10 +242,6 @@ def jobs(
 ) -> list[tuple[Any, ...]]:  # fmt: skip
     """Return the jobs that ended in each part, in order of time and robot, the largest first.
 
-    Args:
-        bounds: Where parts begin, and the end of the last. [ns]
-        names: What is added up, the energy from the grid among it.
-
     Returns:
         Begin of the part [ns], robot, end [ns], name, how many, and their sums [ns], [uJ].
     """
@@ -299,9 +280,6 @@ def learned_friction(
     connection: sqlite3.Connection, robots: dict[str, int], bounds: Sequence[int]
 ) -> list[tuple[Any, ...]]:
     """Return what was learned of the friction of each joint in each part of a time.
-
-    Args:
-        bounds: Where parts begin, and the end of the last. [ns]
 
     Returns:
         Begin, end [ns], robot, joint, model that it is relative to, how many UTC days, their mean

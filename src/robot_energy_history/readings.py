@@ -9,8 +9,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy.messages.fields import (

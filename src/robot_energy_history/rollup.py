@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
 from robot_energy_history.differences import SLOT_NS, UNRESOLVED, CountedSpan
-from robot_energy_history.jobs import roll_jobs, roll_jobs_again
+from robot_energy_history.files import LEVELS
 from robot_energy_history.readings import COLUMNS, IMPORT, JOINT_COLUMNS
-from robot_energy_history.rows import put_slot
-from robot_energy_history.schema import LEVELS
+from robot_energy_history.rows import put_slot, roll_jobs, roll_jobs_again
 
 QUARTERS = DAY_NS // SLOT_NS
 MAX_DAYS = 2**20  # since 1970, of which stamps reach 106,751
@@ -36,9 +35,7 @@ class Rolled(Described):
     """Up to where a history is rolled up."""
 
     until_ns: Annotated[int, "Begin of the first UTC day that is not. [ns]"] = 0
-    quarters_from_ns: Annotated[
-        int, "Begin of the first UTC day whose quarter hours are kept. [ns]"
-    ] = 0
+    quarters_from_ns: Annotated[int, "Begin of the first UTC day with quarter hours. [ns]"] = 0
 
     @classmethod
     def of(cls, connection: sqlite3.Connection) -> Rolled:
@@ -103,11 +100,7 @@ def curves_of(blobs: Sequence[bytes]) -> NDArray[np.int64]:
 
 
 def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
-    """Roll up days that have ended, some at once.
-
-    Returns:
-        Up to where it is rolled up.
-    """
+    """Return up to where it is rolled up, once some of the days that have ended are."""
     until, target = rolled.until_ns, (now_ns - LATE_NS) // DAY_NS * DAY_NS
     for _ in range(DAYS_AT_ONCE):
         day = _next_day(connection, until)
@@ -121,11 +114,7 @@ def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
 
 
 def thin(connection: sqlite3.Connection, rolled: Rolled, keep_from_ns: int) -> Rolled:
-    """Drop quarter hours of days that are rolled up and too old, some at once.
-
-    Returns:
-        Up to where it is rolled up, and from where on there are quarter hours.
-    """
+    """Return what it holds, once quarter hours of some old days that are rolled up are dropped."""
     begin = rolled.quarters_from_ns
     target = min(rolled.until_ns, keep_from_ns // DAY_NS * DAY_NS)
     for _ in range(DAYS_AT_ONCE):

@@ -38,9 +38,7 @@ MAX_LIKENESS = 0.9  # of residuals a day apart [-]
 class EnergyBaseline(Described):
     """What explains the energy of a day, and how well."""
 
-    names: Annotated[
-        tuple[str, ...], "Of the explaining quantities; the first is the constant part."
-    ]
+    names: Annotated[tuple[str, ...], "Explaining quantities; the first is the constant part."]
     values: Annotated[Float, "Coefficients. [kWh per unit]"]
     inverse: Annotated[Float, "``(X'X)^-1``, shape (P, P)."]
     deviation: Annotated[float, "Standard deviation of the residuals. [kWh]"]
@@ -82,9 +80,7 @@ class CumulatedSaving(Described):
     expected: Annotated[Float, "What each day would have used. [kWh]"]
     saved: Annotated[Float, "Expected less used, added up. [kWh]"]
     band: Annotated[Float, "Half width of the 90 % band of ``saved``. [kWh]"]
-    claimed: Annotated[
-        bool, "Whether a saving at the end is certain: its 99.8 % band lies above zero."
-    ]
+    claimed: Annotated[bool, "Whether its 99.8 % band at the end lies above zero."]
     outside: Annotated[int, "Days with a quantity outside the range of the baseline."]
 
 
@@ -163,9 +159,7 @@ class PartTrend(Described):
     """A straight line through the energy per part of each reported day."""
 
     mean: Annotated[float, "Energy of all these days over their parts. [kWh]"]
-    change: Annotated[
-        float, "By how much the line changes from the first to the last of them, over `mean`. [-]"
-    ]
+    change: Annotated[float, "From the first to the last of these days, over `mean`. [-]"]
     band: Annotated[float, "Half width of the 90 % band of ``change``. [-]"]
 
 
@@ -175,17 +169,11 @@ class EnergySavings(TimeSeries):
     """What each reported day used, would have used, and has saved up to its end."""
 
     baseline: Annotated[EnergyBaseline, "What explains energy, and how well."] = field(kw_only=True)
-    trend: Annotated[
-        PartTrend | None,
-        "How the energy per part has changed over the reported days; None with too few days on "
-        "which jobs ended.",
-    ] = None
+    trend: Annotated[PartTrend | None, "Of the energy per part; None with too few days."] = None
     saved: Annotated[float, "Over all reported days; negative where more was used. [kWh]"] = 0.0
     band: Annotated[float, "Half width of its 90 % band. [kWh]"] = 0.0
     expected: Annotated[float, "Energy that these days would have used. [kWh]"] = 0.0
-    claimed: Annotated[
-        bool, "Whether a saving is certain: one in a thousand times there is none."
-    ] = False
+    claimed: Annotated[bool, "Whether a saving is certain; one in a thousand is none."] = False
     notes: Annotated[tuple[str, ...], "What to know of it, a sentence each."] = ()
 
 
@@ -244,11 +232,7 @@ def savings_by_robot(
     further: Further | None = None,
     measured: bool = False,
 ) -> tuple[dict[str, EnergySavings], dict[str, HistoryError]]:
-    """Return what each robot saved, and why that is not known of the others.
-
-    Args:
-        robots: Names; empty for all. Further arguments are those of `history_savings`.
-    """
+    """Return what each robot saved as `history_savings` does, and why it is not known of others."""
     if unknown := [name for name in drivers if name not in DRIVERS]:
         raise HistoryError(f"a driver '{unknown[0]}'", ", ".join(DRIVERS))
     wish = _Wish(tuple(drivers), further or {}, measured, ZoneInfo(timezone))
@@ -283,8 +267,6 @@ class _Wish:
 
 
 class _Days(Described):
-    """Days of one robot whose energy is known, with what explains it."""
-
     stamps: Annotated[NDArray[np.int64], "Begin of each. [ns]"]
     energy: Annotated[Float, "Of each. [kWh]"]
     parts: Annotated[Float, "Jobs that ended in each."]

@@ -33,12 +33,10 @@ from robot_energy_history.differences import (
     supersedes,
     thinned,
 )
-from robot_energy_history.files import open_writer, take_lock, unusable
-from robot_energy_history.notes import WaitingNotes
+from robot_energy_history.files import FILE, open_writer, prepare, take_lock, unusable
 from robot_energy_history.readings import OBSERVED, LearnedFriction, Reading
 from robot_energy_history.rollup import Rolled, forget_minutes, put_span, roll, thin
-from robot_energy_history.rows import attempt, put_epoch, put_events, reading_from
-from robot_energy_history.schema import FILE, prepare
+from robot_energy_history.rows import WaitingNotes, attempt, put_epoch, put_events, reading_from
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
@@ -47,8 +45,6 @@ LIVE = "live"
 
 @dataclass
 class _Robot:
-    """One robot as it stands on disk."""
-
     number: int
     has_bags: bool = False
     epochs: dict[tuple[str, int], tuple[int, Epoch]] = field(
@@ -179,11 +175,7 @@ class HistoryStore:
         return self._connection is not None and has_bag(self._connection, name)
 
     def add_bag(self, bag: BagReadings) -> int:
-        """Put a replayed bag in at once.
-
-        Returns:
-            The time of it that others have recorded, which is left out. [ns]
-        """
+        """Return the time of a bag that others have recorded, and put the rest in at once. [ns]"""
         connection = self._connection
         if connection is None:
             raise HistoryError(f"the history in {self.folder} is not open", "an open one")

@@ -104,11 +104,7 @@ class Prices(ModelEntry):
         return next(held, self.price_per_kwh)
 
     def mean_price(self, start_ns: int, end_ns: int) -> float | None:
-        """Return the mean over a time, each price by its share of it. [currency/kWh]
-
-        Returns:
-            None without prices.
-        """
+        """Return the mean over a time, each price by its share; None without. [currency/kWh]"""
         if not self.time_of_use or end_ns <= start_ns:
             return self.price_at(start_ns)
         parts = list(pairwise(self.edges(start_ns, end_ns)))
@@ -118,11 +114,7 @@ class Prices(ModelEntry):
         )
 
     def edges(self, start_ns: int, end_ns: int) -> list[int]:
-        """Return when prices may change: between two of these instants one price holds. [ns]
-
-        Returns:
-            In time order; the begins of local hours are among them.
-        """
+        """Return in order when prices may change, the begins of local hours among them. [ns]"""
         zone = ZoneInfo(self.timezone)
         clocks = [clock for one in self.time_of_use for clock in (one.begin, one.end)]
         minutes = {0, *(minute_of(clock) % 60 for clock in clocks)}

@@ -28,7 +28,7 @@ from robot_energy_logs.columns import (
     Velocity,
 )
 from robot_energy_logs.instants import time_remedy
-from robot_energy_logs.mapping import DIGITS, PLACE, LogMapping, Time
+from robot_energy_logs.mapping import DIGITS, PLACE, LogMapping
 from robot_energy_logs.recording import (
     BODY,
     FileAccount,
@@ -321,8 +321,12 @@ def import_log(
     blocks = _in_turn(logs, clock, start_ns)
     report = write_bag(out, contents, blocks, accounts, overwrite, origin)
     report.notes += [*(note for log in logs for note in log.notes), *clock.notes]
-    if start_ns is None and mapping.time.start is None and mapping.time.rate is None:
-        report.notes += _early(report.start_ns or 0, mapping.time)
+    begin_ns, time = report.start_ns or 0, mapping.time
+    counted = start_ns is None and time.start is None and time.rate is None
+    if counted and begin_ns < MIN_DATE * SECOND_NS and time.unit in DIGITS:
+        # another unit might put it into the years from 2000 on
+        if remedy := time_remedy(str(Decimal(begin_ns).scaleb(-DIGITS[time.unit]))):
+            report.notes.append(f"the recording begins on {local_time(begin_ns).date()}: {remedy}")
     if contents.effort and effort is not None:
         report.notes.append(
             f"the effort of /joint_states is the log's, in {effort.si_unit.replace('_', ' ')}"
@@ -364,12 +368,3 @@ def _in_turn(logs: Sequence[MappedLog], clock: Clock, start_ns: int | None) -> I
         for block in log.blocks(clock, last, start_ns):
             last = int(block.stamp_ns[-1]) if len(block) else last
             yield block
-
-
-def _early(begin_ns: int, time: Time) -> list[str]:
-    """A remark on times that another unit would put into the years from 2000 on."""
-    if begin_ns >= MIN_DATE * SECOND_NS or time.unit not in DIGITS:
-        return []
-    remedy = time_remedy(str(Decimal(begin_ns).scaleb(-DIGITS[time.unit])))
-    day = local_time(begin_ns).date()
-    return [f"the recording begins on {day}: {remedy}"] if remedy else []

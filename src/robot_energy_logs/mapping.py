@@ -115,9 +115,7 @@ class CouplingEntry(MappingEntry):
 class LogRobot(MappingEntry):
     """The robot, where there is no model file of it."""
 
-    urdf: Annotated[
-        Text, "File with kinematics and bodies, in the folder of the data or of the mapping."
-    ]
+    urdf: Annotated[Text, "Kinematics and bodies, in the folder of data or mapping."]
     gear_ratio: Annotated[list[Number], "Motor turns per joint turn; the sign is the sense."]
     coupling: Annotated[tuple[CouplingEntry, ...], "Motors that turn along with other joints."] = ()
 
@@ -161,7 +159,11 @@ class LogMapping(MappingEntry):
     @model_validator(mode="after")
     def _check(self) -> LogMapping:
         if self.encoding is not None:
-            _check_encoding(self.encoding)
+            try:
+                io.TextIOWrapper(io.BytesIO(), encoding=self.encoding)
+            except (LookupError, ValueError):
+                expected = f"an encoding such as cp1252 or utf-16, found '{self.encoding}'"
+                raise ValueError(expected) from None
         names = self.joints.names
         lists: dict[str, list[float]] = {}
         if self.robot is not None:
@@ -215,13 +217,6 @@ class LogMapping(MappingEntry):
         for entry in self.robot.coupling:
             matrix[names.index(entry.motor), names.index(entry.joint)] += entry.ratio
         return Drivetrain(matrix, np.zeros(len(names)))
-
-
-def _check_encoding(name: str) -> None:
-    try:
-        io.TextIOWrapper(io.BytesIO(), encoding=name)
-    except (LookupError, ValueError):
-        raise ValueError(f"an encoding such as cp1252 or utf-16, found '{name}'") from None
 
 
 def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:

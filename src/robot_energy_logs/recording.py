@@ -48,9 +48,7 @@ class LogBlock(Block):
 
     joint_position: Annotated[Float, "Joint side, shape (N, n). [rad] or [m]"]
     joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s] or [m/s]"]
-    effort: Annotated[
-        Float, "As the log has it: torque or motor current, shape (N, n). [N m] or [A]"
-    ]
+    effort: Annotated[Float, "As logged: torque or motor current, shape (N, n). [N m] or [A]"]
     motor_temperature_degc: Annotated[Float, "Shape (N, n). [degC]"]
     reading: Annotated[Float, "Power or, of a counter, energy, shape (N,). [W] or [J]"]
     drive_power: Annotated[Float, "Electrical input of each drive, shape (N, n). [W]"]
@@ -59,9 +57,7 @@ class LogBlock(Block):
         "Mass, centre of mass (3) and inertia (6) of what the robot carries, shape (N, 10); None "
         "where the log says nothing of it. [kg], [m], [kg m^2]",
     ] = None
-    run: Annotated[
-        Int | None, "Number of the run that each row belongs to, shape (N,); None: of one run."
-    ] = None
+    run: Annotated[Int | None, "Number of the run of each row, shape (N,); None: one run."] = None
 
 
 class RecordingContents(Described):
@@ -75,13 +71,9 @@ class RecordingContents(Described):
         MeterMeaning, "What a meter reading stands for; UNKNOWN: there is no meter."
     ] = MeterMeaning.UNKNOWN
     location: MeterLocation = MeterLocation.UNKNOWN
-    interval: Annotated[float, "Length of a mean's interval; NaN for other meanings. [s]"] = float(
-        "nan"
-    )
+    interval: Annotated[float, "Of a mean; NaN for other meanings. [s]"] = float("nan")
     drive_power: Annotated[bool, "Whether it has the electrical power of each drive."] = False
-    payload_link: Annotated[
-        str, "Link that carries the payload; empty where the log says nothing of it."
-    ] = ""
+    payload_link: Annotated[str, "Link that carries the payload; empty: not logged."] = ""
 
 
 @dataclass
@@ -138,10 +130,7 @@ class ImportReport:
     joint_states: int = 0
     temperatures: Annotated[int, "Messages written; rows without any temperature give none."] = 0
     readings: Annotated[int, "Meter readings written; rows without one give none."] = 0
-    drive_powers: Annotated[
-        int,
-        "Messages written, stamped by their log time alone; rows without any power give none.",
-    ] = 0
+    drive_powers: Annotated[int, "Messages written; rows without any power give none."] = 0
     payloads: int = 0
     notes: Annotated[list[str], "What a reader of the bag should know, one sentence each."] = field(
         default_factory=list[str]

@@ -50,23 +50,13 @@ class TableRows(Described):
 
     line: Annotated[Int, "Line of a text, or row of another file, where each stands, shape (N,)."]
     values: Annotated[Float, "Of the columns asked for, NaN where a cell is empty, shape (N, K)."]
-    width: Annotated[
-        Int, "How many cells a row has, one too many for all that are too many, shape (N,)."
-    ]
+    width: Annotated[Int, "Cells of a row; one too many stands for all that are, shape (N,)."]
     whole: Annotated[Mask, "Whether a row has as many cells as there are columns, shape (N,)."]
     numeric: Annotated[Mask, "Whether no cell asked for holds anything but a number, shape (N,)."]
-    cells: Annotated[
-        tuple[pl.Series, ...],
-        "The columns of the values as they stand in the file; their names are those of the "
-        "columns.",
-    ] = ()
-    texts: Annotated[
-        tuple[pl.Series, ...], "Further columns as they stand in the file, such as the time."
-    ] = ()
+    cells: Annotated[tuple[pl.Series, ...], "Columns of the values as in the file, by name."] = ()
+    texts: Annotated[tuple[pl.Series, ...], "Further columns as in the file, as the time."] = ()
     decimal: str = "."
-    repeated: Annotated[
-        tuple[int, ...], "Lines that repeat the header, before or among the rows."
-    ] = ()
+    repeated: Annotated[tuple[int, ...], "Lines that repeat the header."] = ()
 
     def __len__(self) -> int:
         return len(self.line)

@@ -53,16 +53,11 @@ class Holding(Described):
 class Calibration(Described):
     """The plant in figures."""
 
-    mean_power: Annotated[
-        Float, "Mean power by random program and start temperature, shape (programs, K). [W]"
-    ]
+    mean_power: Annotated[Float, "By program and start temperature, shape (programs, K). [W]"]
     peak_power: Annotated[Float, "The same, greatest power. [W]"]
     start_degc: Annotated[Float, "The start temperatures, shape (K,). [degC]"]
     holding: Holding
-    flows: Annotated[
-        dict[float, dict[str, float]],
-        "Mean power of every flow during the first program, by temperature. [W]",
-    ]
+    flows: Annotated[dict[float, dict[str, float]], "Of every flow, by temperature. [W]"]
 
     def ratio(self, cold: float, hot: float) -> Float:
         """Return the energy at one temperature over that at another, shape (programs,). [-]

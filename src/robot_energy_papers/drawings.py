@@ -43,9 +43,7 @@ class EnergyStudy(Described):
 
     robot_degc: Annotated[Float, "Temperature of each set, shape (K,). [degC]"]
     measured: Annotated[Float, "Relative to the reference, shape (K,). [-]"]
-    cooling: Annotated[
-        Sequence[bool], "Which sets were recorded while the robot cooled, shape (K,)."
-    ]
+    cooling: Annotated[Sequence[bool], "Which sets were recorded while it cooled, shape (K,)."]
     curves: Sequence[ModelEnergyCurve]
     reference_degc: Annotated[float, "Where the measured energy is 1. [degC]"]
 
@@ -136,9 +134,7 @@ class FigureLine(Described):
     time: Annotated[Float, "Shape (N,) [s], or what else the figure is drawn over. [m]"]
     values: Annotated[Float, "Shape (N,), in the unit of the figure."]
     colour: str
-    width: Annotated[
-        float, "Width of the line; a wide one below a thin one shows where they part. [pt]"
-    ] = 1.0
+    width: Annotated[float, "A wide line below a thin one shows where they part. [pt]"] = 1.0
 
 
 def by_column(names: Sequence[str], lines: Sequence[FigureLine]) -> dict[str, list[FigureLine]]:

@@ -9,7 +9,7 @@ monitor runs them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import cache
 from itertools import count
 from pathlib import Path
@@ -25,12 +25,7 @@ from robot_energy.model.drive_models import EfficiencyMap, LossMap
 from robot_energy.physics.drives_and_cabinet import Drive, EfficiencyMaps, LossMaps, LossModel
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drive_data import drive_data
-from robot_energy_identify.drives.drives import (
-    CONSTANT_EFFICIENCY,
-    DrivesFit,
-    Way,
-    fit_drives,
-)
+from robot_energy_identify.drives.drives import CONSTANT_EFFICIENCY, DrivesFit, Way, fit_drives
 from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,
     POINTS,
@@ -76,11 +71,9 @@ SMALLEST = 1e-3  # efficiency of a model file; what a smaller one gives is a pea
 class WayResult(Described):
     """One way on one run."""
 
-    power: Annotated[Float, "Predicted input of each drive, shape (N, n). [W]"]
+    power: Annotated[Float, "Predicted input of each drive, shape (N, n). [W]"] = field(repr=False)
     energy: Annotated[Float, "Energy of each drive, shape (n,). [J]"]
-    accuracy: Annotated[
-        float, "Accuracy of the energy of all drives, 1 - |E - E_measured| / E_measured. [-]"
-    ]
+    accuracy: Annotated[float, "Accuracy of the energy of all drives, 1 - |dE| / E_measured. [-]"]
     joint: Annotated[Float, "The same of each drive, shape (n,). [-]"]
     rms: Annotated[float, "Error of the power of a drive, over all drives. [W]"]
 
@@ -89,15 +82,13 @@ class DriveTest(Described):
     """All ways on one run."""
 
     name: str
-    time: Annotated[Float, "Shape (N,). [s]"]
-    measured: Annotated[Float, "Input of each drive, shape (N, n). [W]"]
-    shaft: Annotated[Float, "Measured torque times speed, shape (N, n). [W]"]
+    time: Annotated[Float, "Shape (N,). [s]"] = field(repr=False)
+    measured: Annotated[Float, "Input of each drive, shape (N, n). [W]"] = field(repr=False)
+    shaft: Annotated[Float, "Measured torque times speed, shape (N, n). [W]"] = field(repr=False)
     energy: Annotated[Float, "Measured, of each drive, shape (n,). [J]"]
     efficiency: Annotated[float, "Shaft over input, energies of all drives. [-]"]
     joint_efficiency: Annotated[Float, "The same of each drive, shape (n,). [-]"]
-    outside: Annotated[
-        float, "Share of the samples further from all points of a map than its reach. [-]"
-    ]
+    outside: Annotated[float, "Share of the samples beyond the reach of a map. [-]"]
     ways: dict[Way, WayResult]
 
 

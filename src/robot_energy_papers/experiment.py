@@ -76,7 +76,7 @@ class MotionSet(Described):
         return float((motor[1] - motor[0]).max())
 
     @property
-    def lag(self) -> float:
+    def motor_minus_gear(self) -> float:
         """Mean of motor minus gear temperature over axes and time. [K]"""
         recording = self.recording
         return float((recording.motor_temperature_degc - recording.gear_temperature_degc).mean())
@@ -86,15 +86,9 @@ class Plan(Described):
     """An experiment by motion."""
 
     cycles: int
-    record_at: Annotated[
-        tuple[float, ...],
-        "Mean motor temperatures, rising, from which on a set is recorded. [degC]",
-    ]
+    record_at: Annotated[tuple[float, ...], "Rising, from which on a set is recorded. [degC]"]
     cool_cycles: Annotated[int, "Sets after that, each behind a rest."] = 0
-    cool_at: Annotated[
-        tuple[float, ...],
-        "Mean motor temperatures, falling, at which such a set is recorded. [degC]",
-    ] = ()
+    cool_at: Annotated[tuple[float, ...], "Falling, at which such a set is recorded. [degC]"] = ()
     start_degc: Annotated[float, "Temperature of motors and gears. [degC]"] = 20.0
     ambient_degc: Annotated[float, "[degC]"] = 20.0
 

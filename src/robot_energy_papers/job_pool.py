@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 import threading
 from collections.abc import Callable, Generator
@@ -26,34 +27,32 @@ class StudyRun(Described):
     workers: Annotated[int, "Processes in addition to this one; 1 means to do all of it here."] = 1
     progress: Progress | None = None
 
+    def steps(self, count: int, share: float = 1.0) -> Callable[..., None]:
+        """Return what counts one more job as finished, in any thread.
 
-class Steps:
-    """Turns finished jobs into a share of the work.
+        Args:
+            share: What all jobs together are of the work. [-]
+        """
+        number, lock = itertools.count(1), threading.Lock()
 
-    Args:
-        share: What all jobs together are of the work. [-]
-    """
+        def done(_job: Any = None) -> None:
+            with lock:
+                if self.progress is not None:
+                    self.progress(min(1.0, share * next(number) / count))
 
-    def __init__(self, count: int, progress: Progress | None, share: float = 1.0) -> None:
-        self._progress = progress
-        self._count = count
-        self._share = share
-        self._done = 0
-        self._lock = threading.Lock()  # jobs end in several threads
-
-    def done(self, _job: Any = None) -> None:
-        """Count one more job as finished."""
-        with self._lock:
-            self._done += 1
-            if self._progress is not None:
-                self._progress(min(1.0, self._share * self._done / self._count))
+        return done
 
 
 @contextmanager
 def job_pool(
-    workers: int, done: Callable[[Future[Any]], None]
+    options: StudyRun, count: int, share: float = 1.0
 ) -> Generator[Callable[..., Future[Any]]]:
-    """Yield a function that starts a job: in another process, or here and at once."""
+    """Yield a function that starts one of so many jobs: in another process, or here and at once.
+
+    Args:
+        share: What all jobs together are of the work. [-]
+    """
+    workers, done = options.workers, options.steps(count, share)
     if workers <= 1:
 
         def now(job: Callable[..., Any], *args: Any) -> Future[Any]:

@@ -22,8 +22,7 @@ from robot_energy_papers.mantis import Smooth
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion import InverseKinematics, Trajectory
 from robot_energy_plan.motion.gcode import read_gcode
-from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
-from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy_plan.motion.tool_motion import TimedPath, ToolLimits, ToolMotion, ToolPlacement
 from robot_energy_plan.prediction import START_NS, planned_block
 from robot_energy_rig import RigOutput, VirtualRig, load_profile
 from robot_energy_rig.record import outputs
@@ -50,9 +49,7 @@ class Machine(Described):
     start: tuple[float, ...]
     placement: ToolPlacement
     options: dict[str, Any]
-    paper: Annotated[
-        float | None, "Energy over that of the arm minus 1, from paper B; None for the arm. [-]"
-    ]
+    paper: Annotated[float | None, "Energy over that of the arm minus 1, paper B; None: arm. [-]"]
 
 
 # The wall is 1.2 m along x and 0.3 m along y of the program. Arms stand before its long side.
@@ -118,9 +115,7 @@ class Energies(Described):
     positive: Annotated[Float, "Energy of each joint's shaft while it drives, shape (n,)."]
     absolute: Annotated[Float, "Magnitude of each joint's shaft power, shape (n,)."]
     electrical: Annotated[Float, "Into each drive, braking negative, shape (n,)."]
-    parts: Annotated[
-        dict[str, float], "By the keys of `PARTS`, all joints together; empty for a rig."
-    ]
+    parts: Annotated[dict[str, float], "By the keys of `PARTS`, of all joints; empty for a rig."]
     cabinet: float
 
     def __add__(self, other: Energies) -> Energies:

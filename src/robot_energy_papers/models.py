@@ -56,17 +56,9 @@ class Identified(Described):
 
     fits: tuple[FrictionFit, ...]
     cabinet: CabinetFit
-    total: Annotated[
-        TotalFit | None,
-        "Drive losses behind the grid meter; None where the data do not determine them.",
-    ]
-    models: Annotated[
-        dict[str, RobotModel],
-        "By name: ``follows``, ``table``, ``fixed_20`` ..., ``losses``, ``capacitor``.",
-    ]
-    fixed_degc: Annotated[
-        dict[str, float], "Mean motor temperature of the set behind each fixed model. [degC]"
-    ]
+    total: Annotated[TotalFit | None, "Drive losses behind the grid meter; None: not found."]
+    models: Annotated[dict[str, RobotModel], "By name, as ``follows``, ``fixed_20``, ``losses``."]
+    fixed_degc: Annotated[dict[str, float], "Motor temperature behind each fixed model. [degC]"]
     sets: tuple[SetFriction, ...]
     notes: tuple[str, ...]
 
@@ -168,7 +160,12 @@ def identify(
     }
     total, notes = None, list[str]()
     if beyond:
-        models[TABLE] = _with_tables(models[FOLLOWS], fits)
+        tables = {
+            joint.name: joint.friction.model_copy(update={"viscous": fit.laws["table"]})
+            for joint, fit in zip(models[FOLLOWS].joints, fits, strict=True)
+            if "table" in fit.laws
+        }
+        models[TABLE] = models[FOLLOWS].with_joints("friction", tables)
         total, notes = _with_losses(models, powered, supply)
     return Identified(fits, cabinet, total, models, chosen, sets, tuple(notes))
 
@@ -182,16 +179,6 @@ def _of_one(recording: Recording) -> SetFriction:
         np.array([fit.coulomb for fit in fits]),
         np.array([fit.points[0].viscous for fit in fits]),
     )
-
-
-def _with_tables(model: RobotModel, fits: Sequence[FrictionFit]) -> RobotModel:
-    """The same friction with every axis as a table, where one was fitted."""
-    found = {
-        joint.name: joint.friction.model_copy(update={"viscous": fit.laws["table"]})
-        for joint, fit in zip(model.joints, fits, strict=True)
-        if "table" in fit.laws
-    }
-    return model.with_joints("friction", found)
 
 
 def _with_losses(
@@ -233,29 +220,24 @@ class SetRow(Described):
 
     bag: str
     way: str
-    robot_degc: Annotated[
-        float, "Mean over the motors of their mean temperature in the set. [degC]"
-    ]
-    coldest_degc: Annotated[float, "The coldest motor. [degC]"]
-    warmest_degc: Annotated[float, "The warmest motor. [degC]"]
+    robot_degc: Annotated[float, "Mean over the motors and the set. [degC]"]
+    motor_degc: Annotated[tuple[float, float], "The coldest and the warmest motor. [degC]"]
     rise: Annotated[float, "Rise of temperature of the motor that warmed most in the set. [K]"]
-    lag: Annotated[float, "Mean motor minus gear temperature, truth. [K]"]
+    motor_minus_gear: Annotated[float, "Mean motor minus gear temperature, truth. [K]"]
     measured_energy: Annotated[float, "By the meter, over the compared time. [J]"]
-    compared: Annotated[float, "That time. [s]"]
+    compared_time: Annotated[float, "That time. [s]"]
     peak_power: Annotated[float, "Truth. [W]"]
-    predicted: Annotated[dict[str, float], "Energy over the same time, by model. [J]"]
-    extrapolated: Annotated[
-        float, "Share of the samples in which a friction law was used outside its fitted range. [-]"
-    ]
+    predicted_energy: Annotated[dict[str, float], "Energy over the same time, by model. [J]"]
+    extrapolated: Annotated[float, "Share of the samples outside the range of a friction law. [-]"]
 
     @property
     def mean_power(self) -> float:
         """Measured energy over the compared time. [W]"""
-        return self.measured_energy / self.compared
+        return self.measured_energy / self.compared_time
 
     def error(self, model: str) -> float:
         """Return predicted over measured energy, less 1. [-]"""
-        return self.predicted[model] / self.measured_energy - 1.0
+        return self.predicted_energy[model] / self.measured_energy - 1.0
 
 
 def held_out(
@@ -284,10 +266,9 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
         entry.path.name,
         entry.way,
         float(truth.mean()),
-        float(truth.min()),
-        float(truth.max()),
+        (float(truth.min()), float(truth.max())),
         entry.rise,
-        entry.lag,
+        entry.motor_minus_gear,
         measured,
         compared,
         entry.recording.peak_power,

@@ -14,7 +14,7 @@ A template is Markdown in blocks with empty lines between them:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -35,10 +35,7 @@ BOLD = "**"
 
 
 def document(
-    template: str,
-    context: Mapping[str, Any],
-    pieces: Mapping[str, Piece],
-    package: str = PAPERS,
+    template: str, context: Mapping[str, Any], pieces: Mapping[str, Piece], package: str = PAPERS
 ) -> Document:
     """Return a page."""
     title, lead, *blocks = _blocks(template, context, package)
@@ -63,14 +60,6 @@ def print_template(
         _write(block, page)
 
 
-def _row(cells: Iterable[str]) -> str:
-    return "| " + " | ".join(cell.replace("|", ESCAPED) for cell in cells) + " |"
-
-
-def _whole(value: float, unit: str = "") -> str:
-    return f"{value:.0f}{unit}"
-
-
 def hundred(share: float) -> str:
     """Return a share in percent without the sign of percent.
 
@@ -80,30 +69,18 @@ def hundred(share: float) -> str:
     return f"{100 * share:.1f}"
 
 
-def _hundreds(shares: Iterable[float]) -> list[str]:
-    return [hundred(share) for share in shares]
-
-
-def _kilo(value: float) -> str:
-    return f"{value / 1e3:.1f}"
-
-
-def _of(key: str, table: Mapping[str, Any]) -> Any:
-    return table[key]
-
-
 FILTERS: dict[str, Callable[..., Any]] = {
     "general": "{:g}".format,
     "hundred": hundred,
-    "hundreds": _hundreds,
+    "hundreds": lambda shares: [hundred(share) for share in shares],
     "kelvin": "{:.2f} K".format,
-    "kilo": _kilo,
-    "of": _of,
+    "kilo": lambda value: f"{value / 1e3:.1f}",
+    "of": lambda key, table: table[key],
     "percent": percent,
-    "row": _row,
+    "row": lambda cells: f"| {' | '.join(cell.replace('|', ESCAPED) for cell in cells)} |",
     "signed": signed_percent,
     "tenth": "{:.1f}".format,
-    "whole": _whole,
+    "whole": lambda value, unit="": f"{value:.0f}{unit}",
 }
 
 

@@ -27,7 +27,7 @@ from robot_energy_papers.calibration import (
     random_poses,
 )
 from robot_energy_papers.experiment import MOVES, MotionSet, Plan, by_motion, make_programs, soaked
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.models import FOLLOWS, Identified, SetRow, held_out, identify, shaft_power
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 from robot_energy_papers.soaked_rigs import (
@@ -171,15 +171,11 @@ class PaperAStudySize(Described):
     moves: int
     train: Annotated[Plan | None, "Experiment by motion for identification; None: soaked rigs."]
     test: Annotated[Plan | None, "Experiment by motion that tests; None: soaked rigs."]
-    train_degc: Annotated[
-        tuple[float, ...], "Temperatures of soaked rigs for identification. [degC]"
-    ]
+    train_degc: Annotated[tuple[float, ...], "Of soaked rigs for identification. [degC]"]
     test_degc: Annotated[tuple[float, ...], "Temperatures of soaked rigs that test. [degC]"]
     effects: Annotated[tuple[str, ...] | None, "Effects of the table; None for all."]
     plants: int
-    rigs: Annotated[
-        Rigs, "Temperatures and length of the experiments behind that table and on those plants."
-    ]
+    rigs: Annotated[Rigs, "Experiments behind that table and on those plants."]
     programs: int
 
 
@@ -246,11 +242,7 @@ class PaperA(Described):
     effects: list[EffectRow]
     plants: list[PlantRow]
     calibration: Calibration
-    open: Annotated[
-        dict[str, SensitivityTable],
-        "What the HOLD power over poses and the rise of temperature owe to figures that are not "
-        "published, by quantity.",
-    ]
+    open: Annotated[dict[str, SensitivityTable], "What HOLD power and rise owe to open figures."]
 
     @property
     def quick(self) -> bool:
@@ -312,8 +304,7 @@ def study(options: StudyRun, scale: PaperAStudySize) -> PaperA:
     """Return what the whole study finds."""
     seed = options.seed
     profile, rigs = load_profile("kr16"), configurations(scale.effects)
-    steps = Steps(len(rigs) + scale.plants + 5, options.progress, SHARE_BEFORE_FITS)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, len(rigs) + scale.plants + 5, SHARE_BEFORE_FITS) as run:
         training, testing = (
             run(record, options.folder, seed, scale) for record in (_record_training, record_test)
         )

@@ -22,15 +22,7 @@ from robot_energy_papers.drawings import (
     shaft_power_over_temperature,
 )
 from robot_energy_papers.experiment import MOVES
-from robot_energy_papers.models import (
-    CAPACITOR,
-    FIXED_DEGC,
-    FOLLOWS,
-    SetRow,
-    fixed_name,
-    normalised,
-    worst,
-)
+from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name, normalised, worst
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.paper_a import HOLD, POWER_DEGC, REFERENCE_DEGC, RISE, PaperA
 from robot_energy_papers.soaked_rigs import (
@@ -42,8 +34,11 @@ from robot_energy_papers.soaked_rigs import (
     EffectRow,
     error_spreads,
 )
-from robot_energy_report.friction_figure import friction_over_temperature
-from robot_energy_report.identification import friction_tables, losses_section
+from robot_energy_report.identification import (
+    friction_over_temperature,
+    friction_tables,
+    losses_section,
+)
 from robot_energy_report.replay_figures import Series, compared_series, power_and_energy
 
 PAPER = (
@@ -182,7 +177,8 @@ def _energy_study(result: PaperA) -> EnergyStudy:
         ModelEnergyCurve(
             labels[name],
             role,
-            np.array([row.predicted[name] / row.compared for row in result.rows]) / reference,
+            np.array([row.predicted_energy[name] / row.compared_time for row in result.rows])
+            / reference,
             np.array([row.error(name) for row in result.rows]),
         )
         for name, role in ROLES.items()
@@ -232,8 +228,8 @@ def figures(result: PaperA) -> dict[str, Any]:
         "quick": result.quick,
         "robot_degc": _span(row.robot_degc for row in result.rows),
         "motor_degc": [
-            min(row.coldest_degc for row in result.rows),
-            max(row.warmest_degc for row in result.rows),
+            min(row.motor_degc[0] for row in result.rows),
+            max(row.motor_degc[1] for row in result.rows),
         ],
         "energy_cold_over_hot": heating[0].mean_power / heating[-1].mean_power,
         "worst_error": {name: worst(result.rows, name) for name in found.models},
@@ -241,12 +237,19 @@ def figures(result: PaperA) -> dict[str, Any]:
             name: _span(row.error(name) for row in result.rows) for name in found.models
         },
         "fixed_identified_degc": found.fixed_degc,
-        "sets": [_row(row) for row in result.rows],
+        "sets": [
+            {
+                **json_value(row),
+                "mean_power": row.mean_power,
+                "error": {name: row.error(name) for name in found.models},
+            }
+            for row in result.rows
+        ],
         "train": [
             {
                 "motor_degc": entry.recording.motor_temperature_degc.mean(axis=0).tolist(),
                 "rise": entry.rise,
-                "motor_minus_gear": entry.lag,
+                "motor_minus_gear": entry.motor_minus_gear,
             }
             for entry in result.train
         ],
@@ -264,14 +267,7 @@ def figures(result: PaperA) -> dict[str, Any]:
             {**json_value(curve), "mean_power": curve.mean_power} for curve in result.shaft
         ],
         "effects": [
-            {
-                "rig": row.name,
-                "follows": list(row.follows),
-                "fixed_20": list(row.fixed),
-                "mean": row.mean,
-                "worst": row.worst,
-            }
-            for row in result.effects
+            {**json_value(row), "mean": row.mean, "worst": row.worst} for row in result.effects
         ],
         "plants": json_value(result.plants),
         "plants_error": json_value(error_spreads(result.plants)),
@@ -284,24 +280,6 @@ def figures(result: PaperA) -> dict[str, Any]:
 def _span(values: Iterable[float]) -> list[float]:
     ordered = sorted(values)
     return [ordered[0], ordered[-1]]
-
-
-def _row(row: SetRow) -> dict[str, Any]:
-    return {
-        "bag": row.bag,
-        "way": row.way,
-        "robot_degc": row.robot_degc,
-        "motor_degc": [row.coldest_degc, row.warmest_degc],
-        "rise": row.rise,
-        "motor_minus_gear": row.lag,
-        "measured_energy": row.measured_energy,
-        "compared_time": row.compared,
-        "mean_power": row.mean_power,
-        "peak_power": row.peak_power,
-        "predicted_energy": row.predicted,
-        "error": {name: row.error(name) for name in row.predicted},
-        "extrapolated": row.extrapolated,
-    }
 
 
 def _calibration(found: Calibration) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from robot_energy_papers.drive_study import (
     map_tables,
     tested,
 )
-from robot_energy_papers.job_pool import Steps, StudyRun
+from robot_energy_papers.job_pool import StudyRun
 from robot_energy_papers.machines import (
     ARM,
     MACHINES,
@@ -72,9 +72,7 @@ class Accuracy(Described):
 
     joint: Annotated[Float, "Accuracy of each joint, shape (n,). [-]"]
     total: Annotated[float, "Accuracy of the sum of the joints' energies. [-]"]
-    summed: Annotated[
-        float, "Accuracy of the energy of the summed power, taken before magnitudes. [-]"
-    ]
+    summed: Annotated[float, "Accuracy of the energy of the summed power. [-]"]
     mean: Annotated[float, "Mean over the joints. [-]"]
 
 
@@ -127,9 +125,7 @@ class PaperBStudySize(Described):
 
     iterations: int
     plants: Annotated[int, "Plants drawn at random for the contest of maps and losses."]
-    layers: Annotated[
-        int, "Simulated layers of the wall, all of it; 0: single layers at `heights` instead."
-    ]
+    layers: Annotated[int, "Simulated layers of the wall; 0: single ones at `heights`."]
     heights: Annotated[tuple[float, ...], "Heights of single layers. [m]"]
     rate: Annotated[float, "Of the joint states of the Mantis. [Hz]"] = RATE
 
@@ -149,9 +145,7 @@ class MechanicalTest:
 class Trained(Described):
     """What was identified from some excitation, and how it predicts what it has not seen."""
 
-    model: Annotated[
-        RobotModel, "The Mantis's model with bodies by ordinary least squares, as in the paper."
-    ]
+    model: Annotated[RobotModel, "With bodies by ordinary least squares, as in the paper."]
     drives: StudiedDrives
     mechanical: dict[str, MechanicalTest]
     tests: Annotated[dict[str, DriveTest], "Tests of the drives, one per run."]
@@ -163,16 +157,11 @@ class MachineResult(Described):
     layer: Annotated[Energies, "One layer at the bottom, predicted by the shipped model."]
     curve: Curve
     rig: Annotated[Energies, "The same layer on the virtual rig."]
-    heights: Annotated[
-        tuple[Energies, ...], "One layer at each of the heights of the scale, predicted."
-    ]
+    heights: Annotated[tuple[Energies, ...], "One layer at each height of the scale, predicted."]
     joint_ranges: Annotated[
-        tuple[Float, ...],
-        "Least and greatest joint positions in each of these layers, shape (2, n). [rad] or [m]",
+        tuple[Float, ...], "Least and greatest of each layer, shape (2, n). [rad] or [m]"
     ]
-    wall: Annotated[
-        Energies, "The whole wall: all its layers, or those at several heights as their mean."
-    ]
+    wall: Annotated[Energies, "The whole wall: all layers, or those at several heights."]
 
     @property
     def at_heights(self) -> list[float]:
@@ -185,13 +174,8 @@ class PaperB(Described):
 
     seed: int
     scale: PaperBStudySize
-    trained: Annotated[
-        dict[str, Trained], "By the excitation that was identified from, keys of `TRAININGS`."
-    ]
-    weighted: Annotated[
-        dict[Definition, Accuracy],
-        "Accuracy on the validation run of the weighted fit, our default.",
-    ]
+    trained: Annotated[dict[str, Trained], "By the excitation behind it, keys of `TRAININGS`."]
+    weighted: Annotated[dict[Definition, Accuracy], "Of the weighted fit on the validation run."]
     machines: dict[str, MachineResult]
     plants: Annotated[
         dict[str, dict[int, DriveTest]],
@@ -232,7 +216,7 @@ class PaperB(Described):
 def study(options: StudyRun, scale: PaperBStudySize) -> PaperB:
     """Return what all studies find."""
     seed, folder = options.seed, options.folder
-    step = Steps(STEPS + scale.plants, options.progress).done
+    step = options.steps(STEPS + scale.plants)
     start, profile = load("mantis"), load_profile("mantis")
     first = seed * SEED_STEP
     train = excitation(start, profile, first + 1, scale.iterations)

@@ -14,14 +14,7 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drives import Way
-from robot_energy_papers.drawings import (
-    GREY,
-    FigureLine,
-    bars,
-    by_column,
-    over_time,
-    stacked,
-)
+from robot_energy_papers.drawings import GREY, FigureLine, bars, by_column, over_time, stacked
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
 from robot_energy_papers.machines import ARM, MACHINES, PARTS, Energies
 from robot_energy_papers.pages import Piece, hundred
@@ -32,9 +25,7 @@ from robot_energy_papers.paper_b import (
     VALIDATION,
     WALL,
     WALL_HELD,
-    Accuracy,
     PaperB,
-    Trained,
 )
 from robot_energy_report.canvas import COLOURS, SERIES
 from robot_energy_report.drives import efficiency_maps
@@ -303,10 +294,16 @@ def figures(result: PaperB) -> dict[str, Any]:
         "quick": result.quick,
         "layers_simulated": result.scale.layers,
         "heights": list(result.scale.heights),
-        "weighted_fit_on_validation": {
-            name: _accuracy(found) for name, found in result.weighted.items()
+        "weighted_fit_on_validation": json_value(result.weighted),
+        "trained": {
+            name: {
+                "mechanical": {
+                    run: json_value(test.accuracy) for run, test in found.mechanical.items()
+                },
+                "drives": {run: _test(test) for run, test in found.tests.items()},
+            }
+            for name, found in result.trained.items()
         },
-        "trained": {name: _trained_figures(found) for name, found in result.trained.items()},
         "plants": {
             run: {str(seed): _test(test) for seed, test in plants.items()}
             for run, plants in result.plants.items()
@@ -334,57 +331,17 @@ def moving(test: DriveTest) -> NDArray[np.bool_]:
     return np.asarray(shaft > MIN_SHAFT_SHARE * shaft.sum())
 
 
-def _trained_figures(found: Trained) -> dict[str, Any]:
-    return {
-        "mechanical": {
-            run: {name: _accuracy(value) for name, value in test.accuracy.items()}
-            for run, test in found.mechanical.items()
-        },
-        "drives": {run: _test(test) for run, test in found.tests.items()},
-    }
-
-
 def _test(test: DriveTest) -> dict[str, Any]:
-    return {
-        "measured_energy": float(test.energy.sum()),
-        "joint_energy": test.energy.tolist(),
-        "efficiency": test.efficiency,
-        "joint_efficiency": test.joint_efficiency.tolist(),
-        "outside_of_map": test.outside,
-        "ways": {
-            way: {
-                "accuracy": found.accuracy,
-                "joint_accuracy": [
-                    value if known else None
-                    for value, known in zip(found.joint.tolist(), moving(test), strict=True)
-                ],
-                "rms": found.rms,
-                "energy": float(found.energy.sum()),
-            }
-            for way, found in test.ways.items()
-        },
-    }
-
-
-def _accuracy(found: Accuracy) -> dict[str, Any]:
-    return {
-        "joint": found.joint.tolist(),
-        "total_of_sums": found.total,
-        "summed_power": found.summed,
-        "mean_of_joints": found.mean,
-    }
+    """Figures of a run; no accuracy of a drive that hardly moves in it."""
+    found = json_value(test)
+    for way in found["ways"].values():
+        pairs = zip(way["joint"], moving(test).tolist(), strict=True)
+        way["joint"] = [value if known else None for value, known in pairs]
+    return found
 
 
 def _energies(found: Energies) -> dict[str, Any]:
-    return {
-        "duration": found.duration,
-        **found.figures,
-        "net": found.net.tolist(),
-        "positive": found.positive.tolist(),
-        "electrical": found.electrical.tolist(),
-        "parts": found.parts,
-        "cabinet": found.cabinet,
-    }
+    return {**json_value(found), **found.figures}
 
 
 def distributions(plants: Mapping[int, DriveTest]) -> dict[Way, dict[str, list[float]]]:

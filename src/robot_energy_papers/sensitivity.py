@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -62,9 +63,7 @@ class SensitivityRow(Result):
         "range times nominal figure over nominal result; None where the nominal figure is 0. [-]",
     ]
     reproduces: Annotated[
-        Number,
-        "The value inside the range that gives the published result, all else nominal; None where "
-        "there is none.",
+        Number, "What gives the published result, all else nominal; None: nothing."
     ]
 
 
@@ -77,14 +76,8 @@ class Spread(Result):
 
     draws: Annotated[int, "Number of draws, without those in which no motion is possible."]
     seed: Annotated[int, "Of the draws."]
-    quantiles: Annotated[
-        tuple[float, ...], "Of the result: least, 5 %, 25 %, median, 75 %, 95 %, greatest."
-    ]
-    reaching: Annotated[
-        float,
-        "Share of the draws whose result is at least as far from the nominal one as that of the "
-        "paper, on its side. [-]",
-    ]
+    quantiles: Annotated[tuple[float, ...], "Least, 5 %, 25 %, median, 75 %, 95 %, greatest."]
+    reaching: Annotated[float, "Share of the draws at least as far off as the paper. [-]"]
 
 
 class SensitivityTable(Result):
@@ -94,9 +87,6 @@ class SensitivityTable(Result):
     published: Annotated[float, "As in the paper."]
     nominal: Annotated[float, "With all figures nominal."]
     rows: Annotated[tuple[SensitivityRow, ...], "Of each open figure."]
-    reach: Annotated[
-        Number, "With every figure at the end that helps; None where no motion is possible there."
-    ]
     spread: Annotated[Spread | None, "With all figures drawn at once; None where none were drawn."]
 
     @property
@@ -138,11 +128,45 @@ def sensitivity(
     ]
     tables: dict[str, SensitivityTable] = {}
     for quantity, goal in published.items():
-        sought = _Sought(evaluate, figures, quantity, goal, tolerance, nominal)
+        start, rows = base[quantity], list[SensitivityRow]()
+
+        def off(key: str, value: float, quantity: str = quantity, goal: float = goal) -> float:
+            return evaluate({**nominal, key: value})[quantity] - goal
+
+        for figure in figures:
+            at = {end: ends[figure.key, end][quantity] if end != figure.nominal else start
+                  for end in (figure.low, figure.high)}  # fmt: skip
+            slope = (at[figure.high] - at[figure.low]) / (figure.high - figure.low)
+            elasticity = slope * figure.nominal / start if figure.nominal and start else None
+            beyond = (end for end in at if (start - goal) * (at[end] - goal) <= 0)
+            alone = next((end for end in beyond if end != figure.nominal), None)
+            if alone is not None and not figure.switch:
+                known = {0.0: start - goal, 1.0: at[alone] - goal}
+                alone = _root(partial(off, figure.key), figure.nominal, alone, known, tolerance)
+            rows.append(SensitivityRow(figure, at[figure.low], at[figure.high], elasticity, alone))
         results = np.array([result[quantity] for result in drawn])
-        spread = _spread(results, base[quantity], goal, seed) if drawn else None
-        tables[quantity] = sought.table(base, ends, spread)
+        spread = _spread(results, start, goal, seed) if drawn else None
+        tables[quantity] = SensitivityTable(quantity, goal, start, tuple(rows), spread)
     return tables
+
+
+def _root(
+    off: Callable[[float], float],
+    nominal: float,
+    end: float,
+    known: dict[float, float],
+    tolerance: float,
+) -> float:
+    """The value between nominal and an end that gives the goal, which lies between them."""
+    from scipy.optimize import brentq
+
+    def value(share: float) -> float:
+        return (1 - share) * nominal + share * end
+
+    def missed(share: float) -> float:
+        return known[share] if share in known else off(value(share))
+
+    return value(float(brentq(missed, 0.0, 1.0, xtol=tolerance, rtol=tolerance)))
 
 
 def _possible(evaluate: Evaluate, values: Values) -> Mapping[str, float] | None:
@@ -181,70 +205,3 @@ def _spread(results: Float, nominal: float, goal: float, seed: int) -> Spread:
     reaching = float(np.mean((results - goal) * side >= 0.0))
     quantiles = tuple(np.quantile(results, QUANTILES).tolist())
     return Spread(len(results), seed, quantiles, reaching)
-
-
-@dataclass(frozen=True)
-class _Sought:
-    evaluate: Evaluate
-    figures: Sequence[OpenFigure]
-    quantity: str
-    goal: float
-    tolerance: float
-    nominal: dict[str, float]
-
-    def table(
-        self,
-        base: Mapping[str, float],
-        ends: Mapping[tuple[str, float], Mapping[str, float]],
-        spread: Spread | None,
-    ) -> SensitivityTable:
-        start = base[self.quantity]
-        sign = 1.0 if self.goal > start else -1.0
-        rows: list[SensitivityRow] = []
-        helps: dict[str, float] = {}  # value at the end that helps more
-        for figure in self.figures:
-            at = {
-                end: ends[figure.key, end][self.quantity] if end != figure.nominal else start
-                for end in (figure.low, figure.high)
-            }
-            gain, end = max(((result - start) * sign, end) for end, result in at.items())
-            if gain > 0:
-                helps[figure.key] = end
-            slope = (at[figure.high] - at[figure.low]) / (figure.high - figure.low)
-            rows.append(
-                SensitivityRow(
-                    figure,
-                    at[figure.low],
-                    at[figure.high],
-                    slope * figure.nominal / start if figure.nominal and start else None,
-                    self._alone(figure, start, at),
-                )
-            )
-        together = _possible(self.evaluate, {**self.nominal, **helps})
-        reach = None if together is None else together[self.quantity]
-        return SensitivityTable(self.quantity, self.goal, start, tuple(rows), reach, spread)
-
-    def _alone(self, figure: OpenFigure, start: float, at: Mapping[float, float]) -> float | None:
-        """The value between nominal and an end that gives the goal, where the end is beyond it."""
-        for end, result in at.items():
-            if end != figure.nominal and (start - self.goal) * (result - self.goal) <= 0:
-                if figure.switch:
-                    return end
-                return self._root(figure, end, start, result)
-        return None
-
-    def _root(self, figure: OpenFigure, end: float, start: float, result: float) -> float:
-        from scipy.optimize import brentq
-
-        known = {0.0: start - self.goal, 1.0: result - self.goal}
-
-        def value(share: float) -> float:
-            return (1 - share) * figure.nominal + share * end
-
-        def off(share: float) -> float:
-            if share not in known:
-                found = self.evaluate({**self.nominal, figure.key: value(share)})
-                known[share] = found[self.quantity] - self.goal
-            return known[share]
-
-        return value(float(brentq(off, 0.0, 1.0, xtol=self.tolerance, rtol=self.tolerance)))

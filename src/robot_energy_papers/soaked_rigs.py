@@ -112,12 +112,8 @@ def rig_seeds(seed: int) -> tuple[int, int]:
 class EffectRow(Described):
     """One rig with some effects."""
 
-    name: Annotated[
-        str, "Name of the rig: ``without x``, ``only x``, or one of the three that frame them."
-    ]
-    follows: Annotated[
-        tuple[float, ...], "Error of the proposed model at each held-out temperature. [-]"
-    ]
+    name: Annotated[str, "``without x``, ``only x``, or one of the three that frame them."]
+    follows: Annotated[tuple[float, ...], "Errors of the proposed model at test temperatures. [-]"]
     fixed: Annotated[tuple[float, ...], "The same of friction fixed at the coldest set. [-]"]
 
     @property
@@ -167,9 +163,7 @@ class PlantRow(Described):
 
     plant_seed: int
     error: Annotated[
-        dict[str, tuple[float, ...]],
-        "Error of the grid energy at each held-out temperature, by model; empty where "
-        "identification refused. [-]",
+        dict[str, tuple[float, ...]], "Of the grid energy at test temperatures, by model. [-]"
     ]
     refused: Annotated[str, "What identification found; empty where it went through."] = ""
 

@@ -10,11 +10,8 @@ from __future__ import annotations
 from typing import Annotated
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import MotionError
 
 MILLIMETRE = 1e-3  # m
-MAX_LAYERS = 10_000
-MAX_STROKES = 1000
 FEED_FACTOR = 60.0 / MILLIMETRE  # m/s to mm/min
 
 
@@ -26,19 +23,7 @@ class Wall(Described):
     layer_height: Annotated[float, "Rise from layer to layer. [m]"] = 0.01
     layers: int = 1
     speed: Annotated[float, "Path speed, the rise included. [m/s]"] = 0.125
-    infill: Annotated[
-        int, "Strokes of a zigzag along the wall inside the outline, and as many back; 0 for none."
-    ] = 0
-
-    def __post_init__(self) -> None:
-        for name in ("length", "width", "layer_height", "speed"):
-            value = getattr(self, name)
-            if not 0 < value < 1000:
-                raise MotionError(f"the wall's {name} is {value}", "a value > 0")
-        if not 1 <= self.layers <= MAX_LAYERS:
-            raise MotionError(f"the wall has {self.layers} layers", f"1 to {MAX_LAYERS}")
-        if not 0 <= self.infill <= MAX_STROKES:
-            raise MotionError(f"the infill has {self.infill} strokes", f"0 to {MAX_STROKES}")
+    infill: Annotated[int, "Strokes of a zigzag inside the outline, and as many back."] = 0
 
     @property
     def corners(self) -> list[tuple[float, float]]:

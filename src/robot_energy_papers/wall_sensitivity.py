@@ -13,7 +13,7 @@ from robot_energy_papers.machines import ARM, MACHINES, Energies, layer, predict
 from robot_energy_papers.models import with_friction_times, with_values
 from robot_energy_papers.sensitivity import SensitivityTable, Values, open_figures, sensitivity
 from robot_energy_plan.motion import Trajectory
-from robot_energy_plan.motion.tool_timing import ToolLimits
+from robot_energy_plan.motion.tool_motion import ToolLimits
 
 GANTRY = "testbed"
 QUANTITIES = ("mechanical, magnitude", "electrical, drives")

@@ -129,12 +129,8 @@ class Prediction:
     program: str
     model: RobotModel
     motor_temperature_degc: Annotated[Float, "Assumed and held, shape (n,). [degC]"]
-    extrapolated: Annotated[
-        tuple[str, ...], "Joints whose friction law does not reach that temperature."
-    ]
-    one_temperature: Annotated[
-        tuple[str, ...], "Joints whose friction law is the same at every temperature."
-    ]
+    extrapolated: Annotated[tuple[str, ...], "Joints extrapolated to that temperature."]
+    one_temperature: Annotated[tuple[str, ...], "Joints with one friction at every temperature."]
     duration: Annotated[float, "Of all repetitions. [s]"]
     repeat: int
     pipeline: EnergyPipeline
@@ -143,8 +139,7 @@ class Prediction:
     means: MeanBlock | None = None
     notes: list[str] = field(default_factory=list[str])
     payload: Annotated[
-        tuple[Payload, ...],
-        "Instead of what the model has on the same link, and besides what it has on others.",
+        tuple[Payload, ...], "Given; it replaces the model's on that link alone."
     ] = ()
 
     @property

@@ -55,13 +55,9 @@ class Column(Described):
     form: Annotated[Callable[[Any], str], "The value as text; None is a dash."] = str
     unit: Annotated[str, "Behind the name, in brackets; empty for none."] = ""
     total: Annotated[
-        bool | Callable[[Sequence[Any]], Any],
-        "Whether the row of sums has the sum of the values, or a function of all rows that gives "
-        "the value or its text.",
+        bool | Callable[[Sequence[Any]], Any], "Whether rows are summed, or a function of all rows."
     ] = False
-    optional: Annotated[
-        bool, "Whether the column is left out where no row has a value or a text."
-    ] = False
+    optional: Annotated[bool, "Whether it is left out where no row has a value."] = False
 
     @property
     def heading(self) -> str:
@@ -142,14 +138,7 @@ Part = Text | Table | Illustration | Tiles | FlowDiagram
 
 
 class Document:
-    """A report that grows from top to bottom.
-
-    Args:
-        lead: One or two sentences below it: what this is, and of what data.
-
-    Attributes:
-        parts: All, each with where it is shown.
-    """
+    """A report that grows from top to bottom: parts, each with where it is shown."""
 
     def __init__(self, title: str = "", lead: str = "") -> None:
         self.title = title
@@ -159,14 +148,7 @@ class Document:
 
     @contextmanager
     def only(self, where: Where) -> Generator[None]:
-        """Show what is added in the block on pages alone, or on the terminal alone.
-
-        Args:
-            where: ``page`` or ``terminal``; ``both`` shows it everywhere, also in an outer block.
-
-        Yields:
-            Nothing.
-        """
+        """Yield while what is added is for pages or the terminal alone; ``both`` is for either."""
         before, self._where = self._where, where
         try:
             yield

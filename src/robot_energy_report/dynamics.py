@@ -12,8 +12,7 @@ from robot_energy.results.base import known
 from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.dynamics.dynamics_model import friction_at_joints
 from robot_energy_identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
-from robot_energy_identify.dynamics.sufficiency import temperature_remark
-from robot_energy_identify.dynamics.validation import TorqueError
+from robot_energy_identify.dynamics.validation import TorqueError, temperature_remark
 from robot_energy_identify.results.dynamics import KINDS, DynamicsReport, ExcitationReport
 from robot_energy_identify.stats.cross_validation import FOLDS
 from robot_energy_report.document import Column, Document
@@ -40,7 +39,6 @@ def dynamics_document(
     report: DynamicsReport,
     page: Document,
     reference: ReferenceValues | None = None,
-    effort: Sequence[tuple[str, str]] = (),
     details: bool = False,
     friction_follows: bool = False,
 ) -> None:
@@ -65,7 +63,6 @@ def dynamics_document(
                 f"{delay.value * 1e3:+.1f} ms would lower the held-out error by "
                 f"{percent(delay.gain)}: {delay_use(delay, 'applied')}",
             ),
-            *effort,
         ]
     )
     errors = {

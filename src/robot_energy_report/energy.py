@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
 
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model.drive_models import DRIVE_MODELS
@@ -127,29 +126,24 @@ class EnergySections:
     def energy(self, title: str, other: tuple[str, EnergyBreakdown] | None = None) -> None:
         """Add where the energy goes."""
         energy, scale = self._report.energy, self._scale
-        net = energy.net
-        columns = ["", f"energy [{scale.unit}]", "share"]
-        second: dict[str, float | None] = {}
-        if other is not None:
-            change = other[0].replace("friction ", "friction\n")
-            columns.append(f"{change}\n[{scale.unit}]")
-            second = {entry.name: getattr(other[1], entry.name) for entry in fields(other[1])}
-            second["net"] = other[1].net
+        both = [energy] if other is None else [energy, other[1]]
         names = {
             key: text
             for key, text in _part_names(self._report.model.drive).items()
-            if getattr(energy, key) or second.get(key) or key not in ("brake", "capacitor")
+            if any(getattr(one, key) for one in both) or key not in ("brake", "capacitor")
         }
-        values = [getattr(energy, key) for key in names]
-        one = 1.0 if net > 0 else None
-        cells = [[*names.values(), "from the grid"]]
-        for texts, whole in (
-            (scale.parts(values), scale.joule(net)),
-            ([percent(_share(value, net)) for value in values], percent(one)),
-        ):
-            cells.append([*texts, whole])
+        net, values = energy.net, [getattr(energy, key) for key in names]
+        columns = ["", f"energy [{scale.unit}]", "share"]
+        cells = [
+            [*names.values(), "from the grid"],
+            [*scale.parts(values), scale.joule(net)],
+            [percent(_share(value, net)) for value in (*values, net)],
+        ]
         if other is not None:
-            cells.append([*scale.parts([second[key] for key in names]), scale.joule(second["net"])])
+            change = other[0].replace("friction ", "friction\n")
+            columns.append(f"{change}\n[{scale.unit}]")
+            parts = scale.parts([getattr(other[1], key) for key in names])
+            cells.append([*parts, scale.joule(other[1].net)])
         *rows, total = zip(*cells, strict=True)
         self._page.table(title, columns, rows, total)
 
@@ -206,8 +200,6 @@ class EnergySections:
             "drive\nloss": "drive_loss_energy",
             "drive\ninput": "drive_input_energy",
         }
-        known = any(one.last_gear_temperature_degc is not None for one in self._report.joints)
-        gears = [Column("gear\ndegC", "last_gear_temperature_degc", fixed(1))] if known else []
         self._page.rows(
             f"Joints, predicted [{scale.unit}]: rigid + friction + drive loss = drive input",
             [
@@ -215,7 +207,7 @@ class EnergySections:
                 *(Column(name, key, scale.joule, total=True) for name, key in energies.items()),
                 Column("share\nof grid", "share_of_grid", percent, total=True),
                 Column("motor\ndegC", "last_motor_temperature_degc", fixed(1)),
-                *gears,
+                Column("gear\ndegC", "last_gear_temperature_degc", fixed(1), optional=True),
             ],
             self._report.joints,
             "all joints",

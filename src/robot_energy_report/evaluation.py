@@ -30,7 +30,7 @@ from robot_energy_report.formats import (
 from robot_energy_report.headline import LOCATION_NAMES
 from robot_energy_report.replay_figures import Role
 
-Bars = tuple[str, Role, Sequence[float]]  # label, role, and an error for each name [-]
+Bars = tuple[str, Role, Sequence[float | None]]  # label, role, and an error for each name [-]
 
 
 def error_bars(
@@ -40,13 +40,7 @@ def error_bars(
     label: str = "predicted minus measured energy [%]",
     beyond: Sequence[bool] = (),
 ) -> None:
-    """Draw one bar per name and prediction.
-
-    Args:
-        bars: Of each prediction: label, role, and its relative errors. [-]
-        beyond: Which names have hatched bars: recordings at temperatures that their fit has
-            not seen.
-    """
+    """Draw one bar per name and prediction; hatched beyond the temperatures of a fit."""
     if not names or not bars or any(len(values) != len(names) for _, _, values in bars):
         raise ShapeError("nothing to draw, or not one error for each name", "one or more")
     place, height = np.arange(len(names)), 0.76 / len(bars)
@@ -56,7 +50,7 @@ def error_bars(
         for number, (name, role, values) in enumerate(bars):
             axes.barh(
                 place + (number - 0.5 * (len(bars) - 1)) * height,
-                100.0 * np.asarray(values),
+                100.0 * np.array(values, dtype=np.float64),
                 0.95 * height,
                 color=COLOURS[role],
                 hatch=hatch,
@@ -140,17 +134,16 @@ def _brief(score: ModelScore) -> str:
 
 
 def _seen(report: EvaluationReport) -> str:
-    kinds = {one.seen for one in report.recordings}
-    if kinds == {"held_out"}:
-        return "held out: no figure of the model was identified from these recordings"
-    if kinds == {"fitted"}:
-        return "not held out: figures of the model were identified from these recordings"
-    names = {
-        kind: ", ".join(one.recording for one in report.recordings if one.seen == kind)
-        for kind in SEEN
-        if kind in kinds
-    }
-    return "; ".join(f"{SEEN[kind]}: {text}" for kind, text in names.items())
+    names: dict[str, list[str]] = {}
+    for one in sorted(report.recordings, key=lambda one: [*SEEN].index(one.seen)):
+        names.setdefault(one.seen, []).append(one.recording)
+    match [*names]:
+        case ["held_out"]:
+            return "held out: no figure of the model was identified from these recordings"
+        case ["fitted"]:
+            return "not held out: figures of the model were identified from these recordings"
+        case _:
+            return "; ".join(f"{SEEN[kind]}: {', '.join(own)}" for kind, own in names.items())
 
 
 def _recordings(report: EvaluationReport, page: Document) -> None:
@@ -179,8 +172,8 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
     place = places.pop() if len(places) == 1 else "the meter"
     labels = _labels(report.together)
 
-    def errors(name: str) -> list[float]:
-        return [_known(_of(one, name, "energy_relative")) for one in metered]
+    def errors(name: str) -> list[float | None]:
+        return [_of(one, name, "energy_relative") for one in metered]
 
     page.rows(
         f"Energy at {place}, predicted minus measured",
@@ -193,7 +186,9 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
                     label,
                     lambda one, name=name: _of(one, name, "energy_relative"),
                     signed_percent,
-                    total=lambda _, name=name: percent(sum(map(abs, errors(name))) / len(metered)),
+                    total=lambda _, name=name: percent(
+                        float(np.abs(np.array(errors(name), dtype=np.float64)).mean())
+                    ),
                 )
                 for name, label in labels.items()
                 if name != ZERO
@@ -281,7 +276,7 @@ def _torque(report: EvaluationReport, page: Document) -> None:
         )
     share = "torque_relative_moving"
     bars: list[Bars] = [
-        (labels[name], ROLES[name], [_known(of(name, share, k)) for k in range(len(joints))])
+        (labels[name], ROLES[name], [of(name, share, k) for k in range(len(joints))])
         for name in labels
         if name in ROLES
     ]
@@ -303,9 +298,4 @@ def _named(scores: Sequence[ModelScore], name: str) -> ModelScore | None:
 
 
 def _of(one: RecordingScore, name: str, what: str) -> float | None:
-    """One figure of a prediction; None where there is none."""
     return getattr(one.score(name), what, None)
-
-
-def _known(value: float | None) -> float:
-    return float("nan") if value is None else value

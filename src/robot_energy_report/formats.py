@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import JOULE_PER_KWH, JOULE_PER_WH
@@ -23,13 +24,13 @@ RAISED = str.maketrans(
 )
 SIGNS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"(?<![\w/.])degC(?![\w/])", "\u00b0C"),
-    (r"(?<![^\s\[(])1e(-?\d{1,2})(?= [A-Za-z])", lambda m: f"10{_raised(m[1])}"),
+    (r"(?<![^\s\[(])1e(-?\d{1,2})(?= [A-Za-z])", lambda m: f"10{m[1].translate(RAISED)}"),
     (
         r"((?<![\w.,:/-])\d(?:\.\d+)?|\))e([+-]\d{1,3})(?![\w.])",
-        lambda m: f"{m[1]}\u00b710{_raised(str(int(m[2])))}",
+        lambda m: f"{m[1]}\u00b710{str(int(m[2])).translate(RAISED)}",
     ),
     (r"(?<![^\s(\[])\+-(?=\s|\d|$)", "\u00b1"),
-    (r"(?<=[A-Za-z)])\^(-?\d)(?!\d)", lambda m: _raised(m[1])),
+    (r"(?<=[A-Za-z)])\^(-?\d)(?!\d)", lambda m: m[1].translate(RAISED)),
     (r"\b(N|kg) m(?=\u00b2|\b)", "\\1\u00b7m"),
     (r"(?<=N\u00b7m) s\b", "\u00b7s"),
     (r"(?<![\w/])(s|rad)2\b(?=/|\])", "\\1\u00b2"),
@@ -63,12 +64,7 @@ class EnergyFormat:
         return NOTHING if energy is None else number(energy / self.factor, self.digits)
 
     def parts(self, energies: Sequence[float | None], whole: str | None = None) -> list[str]:
-        """Return parts of an energy in the report's unit; as shown they sum to the whole.
-
-        Args:
-            energies: The parts; None where one is not modelled. [J]
-            whole: As it is shown; None: the rounded sum of the parts.
-        """
+        """Return parts of an energy in the report's unit; arguments as in `summing`."""
         return summing(energies, self.digits, whole, self.factor)
 
     def text(self, energy: float | None) -> str:
@@ -93,31 +89,19 @@ def significant(digits: int) -> Callable[[float | None], str]:
 
 
 def aligned(values: Iterable[float | None], digits: int) -> Callable[[float | None], str]:
-    """Return a format of one column: the largest value has so many digits, all end alike.
-
-    Args:
-        values: Of the column, in one unit. [-]
-    """
+    """Return a format of a column: the largest value, as in `summing`, has so many digits."""
     known = [abs(value) for value in values if value is not None and math.isfinite(value)]
     lead = math.floor(math.log10(max(known, default=0.0) or 1.0))
     return fixed(max(0, digits - 1 - lead))
 
 
 def plus_minus(share: float | None) -> str:
-    """Return the half width of a band in per cent.
-
-    Args:
-        share: Half width over the value; None where it is not known. [-]
-    """
+    """Return the half width of a band in per cent; argument as in `percent`."""
     return NOTHING if share is None else f"+- {percent(share)}"
 
 
 def number(value: float, digits: int) -> str:
-    """Return a number with fixed digits; never ``-0``.
-
-    Args:
-        value: Any figure. [-]
-    """
+    """Return a number with fixed digits, a value as in `uncertain`; never ``-0``."""
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
 
@@ -144,11 +128,7 @@ def summing(
 
 
 def energy_text(energy: float) -> str:
-    """Return one energy in words, three to four digits.
-
-    Args:
-        energy: Any energy. [J]
-    """
+    """Return one energy in words, three to four digits; it is as in `EnergyFormat.joule`."""
     for unit, factor in (("MJ", 1e6), ("kJ", 1e3)):
         if abs(energy) >= factor:
             return f"{energy / factor:.4g} {unit}"
@@ -156,7 +136,7 @@ def energy_text(energy: float) -> str:
 
 
 def watt_hours(energy: float) -> str:
-    """Return one energy as meters and the live page show it; argument as in `energy_text`."""
+    """Return one energy as meters and the live page show it; it is as in `EnergyFormat.joule`."""
     unit, factor = ("kWh", JOULE_PER_KWH) if abs(energy) >= JOULE_PER_KWH else ("Wh", JOULE_PER_WH)
     return f"{energy / factor:.4g} {unit}"
 
@@ -173,13 +153,8 @@ def percent(ratio: float | None, sign: bool = False, digits: int = 1) -> str:
     return f"{'+' if sign and not text.startswith('-') else ''}{text} %"
 
 
-def signed_percent(ratio: float | None) -> str:
-    """Return a ratio in percent, with its sign.
-
-    Args:
-        ratio: None where it is not known. [-]
-    """
-    return percent(ratio, sign=True)
+signed_percent: Callable[[float | None], str] = partial(percent, sign=True)
+"""A ratio in percent, with its sign."""
 
 
 def seconds(time_ns: int) -> str:
@@ -213,20 +188,13 @@ def uncertain(value: float, std: float) -> str:
 
 
 def typeset(text: str) -> str:
-    """Return a text with true signs and units: minus, plus-minus, degrees, dots and powers.
+    """Return a text of ASCII with true signs and units: minus, plus-minus, degrees, powers.
 
     It changes numbers and units only: a ``-`` before a digit, not one inside of a name.
-
-    Args:
-        text: In ASCII, such as ``-0.5 degC``, ``29 +- 30 N m s/rad`` or ``3.2e-05 kg m^2``.
     """
     for pattern, sign in SIGNS:
         text = re.sub(pattern, sign, text)
     return text
-
-
-def _raised(digits: str) -> str:
-    return digits.translate(RAISED)
 
 
 def counted(count: int, one: str, many: str = "") -> str:
@@ -247,11 +215,7 @@ def jobs_left_out(count: int) -> str:
 
 
 def grouped(notes: Sequence[str]) -> list[str]:
-    """Return notes of the form ``name: text`` with one line for all names of the same text.
-
-    Args:
-        notes: One sentence each; those without a name stay as they are.
-    """
+    """Return notes of the form ``name: text`` with one line for all names of the same text."""
     names: dict[str, list[str]] = {}
     for note in notes:
         name, colon, text = note.partition(": ")

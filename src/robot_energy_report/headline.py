@@ -44,12 +44,7 @@ def verdict(report: ReplayReport) -> str:
 
 
 def headline(report: ReplayReport) -> str:
-    """Return the result in one line.
-
-    Returns:
-        Predicted and measured over the compared time; where nothing was measured, the
-        predicted energy and that.
-    """
+    """Return the result in one line: predicted and measured, or predicted alone and why."""
     compared = report.comparison
     measured, predicted = compared.measured_energy, compared.predicted_energy_at_meter
     if measured is None or predicted is None:
@@ -136,11 +131,7 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
 
 
 def error_of(reports: Sequence[ReplayReport]) -> tuple[float | None, float]:
-    """Return predicted minus measured energy over the measured one, and the compared time.
-
-    Returns:
-        Ratio, None where nothing was measured [-]; time [s].
-    """
+    """Return predicted over measured energy less 1 [-], None if unmeasured; compared time [s]."""
     pairs = [
         (one.comparison.predicted_energy_at_meter, one.comparison.measured_energy)
         for one in reports

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from robot_energy.timeline.blocks import Float, MeterLocation
 from robot_energy.timeline.pieces import Compared
 from robot_energy_identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
@@ -56,11 +54,7 @@ def verdict(test: HeldOutEnergy | None) -> tuple[str, bool]:
 
 
 def not_judged(test: HeldOutEnergy | None) -> str:
-    """Return which recordings lie outside the temperatures of their fit, and how to test there.
-
-    Returns:
-        One sentence or two; empty if all lie within.
-    """
+    """Return a sentence or two on recordings outside of the temperatures of their fit, or none."""
     places = [
         f"{entry.name} ({out.joint} at {out.met[0]:.0f} to {out.met[1]:.0f} degC, its fit at "
         f"{out.fitted[0]:.0f} to {out.fitted[1]:.0f} degC)"
@@ -204,15 +198,10 @@ def _figures(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> Non
     )
     if shown is None or not test.with_torque:
         return
-    for residual, text in (
-        (False, "Motor torque on a held-out piece"),
-        (True, "Residual torque, predicted minus measured, on the same piece"),
-    ):
-        page.figure(
-            lambda path, residual=residual: _torque_over_time(names, shown, last, path, residual),
-            f"{text} of `{shown.name}`."
-            + (" Peaks beyond the axis: 1 % of the samples." if residual else ""),
-        )
+    page.figure(
+        lambda path: _torque_over_time(names, shown, last, path),
+        f"Motor torque on a held-out piece of `{shown.name}`.",
+    )
 
 
 def _power(test: HeldOutEnergy, worst: Tested) -> tuple[list[Series], str]:
@@ -236,46 +225,19 @@ def _power(test: HeldOutEnergy, worst: Tested) -> tuple[list[Series], str]:
     )
 
 
-def _torque_over_time(
-    names: Sequence[str], piece: Tested, last: str, path: Target, residual: bool
-) -> None:
-    """Draw one panel per joint: both torques, or predicted minus measured of both models."""
-    time, measured = piece.time, piece.motor_torque
+def _torque_over_time(names: Sequence[str], piece: Tested, last: str, path: Target) -> None:
+    """Draw one panel per joint: measured torque, and predicted torque of both models."""
     curves: tuple[tuple[str, Role, Float], ...] = (
+        ("measured", "measured", piece.motor_torque),
         ("as given", "fixed", piece.predictions[GIVEN].motor_torque),
         ("new model", "predicted", piece.predictions[last].motor_torque),
     )
-    labels = (
-        "time since the start of the recording [s]",
-        "residual [N m]" if residual else "motor torque [N m]",
-    )
+    labels = "time since the start of the recording [s]", "motor torque [N m]"
     with panels(path, names, (4.6, 1.7), (0.0, 0.6), labels, 2) as (figure, grid):
         for joint, axes in enumerate(grid):
-            if residual:
-                axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
-            else:
-                axes.plot(time, measured[:, joint], color=COLOURS["measured"], label="measured")
             for label, role, torque in curves:
-                axes.plot(
-                    time,
-                    torque[:, joint] - measured[:, joint] if residual else torque[:, joint],
-                    LINES[role],
-                    color=COLOURS[role],
-                    label=label,
-                    linewidth=0.9,
-                )
+                style = {"linestyle": LINES[role], "color": COLOURS[role], "label": label}
+                axes.plot(piece.time, torque[:, joint], **style, linewidth=0.9)
             axes.margins(x=0.0)
-            if residual:
-                _limits(axes, measured[:, joint], [torque[:, joint] for _, _, torque in curves])
         handles, texts = grid[0].get_legend_handles_labels()
         figure.legend(handles, texts, loc="outside upper right", ncols=len(texts))
-
-
-def _limits(axes: object, measured: Float, predicted: Sequence[Float]) -> None:
-    """Peaks at reversals, where friction changes its sign at once, must not hide the rest."""
-    error = np.abs(np.concatenate([measured - torque for torque in predicted]))
-    known = error[np.isfinite(error)]
-    if len(known):
-        reach = 1.3 * float(np.quantile(known, 0.99))
-        if reach > 0:
-            axes.set_ylim(-reach, reach)  # type: ignore[attr-defined]

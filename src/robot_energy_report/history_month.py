@@ -44,12 +44,7 @@ Figures = Mapping[str, Any]
 def month_document(
     folder: Path, month: str, now_ns: int, timezone: str = "", robots: Sequence[str] = ()
 ) -> Document:
-    """Return the report of a month.
-
-    Args:
-        month: Such as 2026-10; empty for the last one that is over.
-        timezone: Where days begin; empty for that of the newest tariff, else UTC.
-    """
+    """Return the report of a month such as 2026-10; without it of the last one that is over."""
     view = HistoryView(folder)
     if month and not re.fullmatch(r"\d{4}-(0[1-9]|1[0-2])", month):
         raise HistoryError(f"the month '{shown(month)}'", "one such as 2026-10")

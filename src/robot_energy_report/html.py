@@ -30,7 +30,7 @@ from robot_energy_report.formats import PROSE, number, percent, typeset
 from robot_energy_report.page.energy_flow import GRID
 from robot_energy_report.page.headless_browser import printed
 from robot_energy_report.page.json_numbers import json_text
-from robot_energy_report.page.saved_page import TERMS, inline_parts, with_hints
+from robot_energy_report.page.saved_page import TERMS, inline_parts, terms_in
 
 NUMBER = ' class="n"'
 MARK = (
@@ -66,7 +66,7 @@ def page_html(document: Document) -> str:
     if len(links) > 2:
         contents = f'<nav class="card" aria-label="Contents"><ol>{"".join(links)}</ol></nav>'
     lead = f'<p class="small">{_prose(document.lead)}</p>' if document.lead else ""
-    cards, terms = with_hints("".join(_card(anchor, parts) for anchor, parts in named.items()))
+    cards = "".join(_card(anchor, parts) for anchor, parts in named.items())
     title, (head, script) = _escape(document.title), inline_parts()
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -75,7 +75,7 @@ def page_html(document: Document) -> str:
         '<meta name="color-scheme" content="light dark">'
         f"<title>{title}</title>{head}</head><body>\n"
         f'<header><h1>{MARK}{title}</h1><nav aria-label="Page">{THEME}</nav></header>\n'
-        f'<main class="report">\n{lead}{contents}\n{cards}{_terms(terms)}</main>\n'
+        f'<main class="report">\n{lead}{contents}\n{cards}{_terms(terms_in(cards))}</main>\n'
         f"{script}</body></html>\n"
     )
 

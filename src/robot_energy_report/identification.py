@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from robot_energy.foundation.errors import ShapeError
 from robot_energy.model.friction_laws import FRICTION_LAWS
+from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
@@ -23,7 +26,7 @@ from robot_energy_identify.results.identification import (
 from robot_energy_identify.stats.lag import Delay
 from robot_energy_identify.thermal.gear import GearsFound
 from robot_energy_identify.thermal.network import ThermalFit
-from robot_energy_report.canvas import COLOURS, Target, canvas
+from robot_energy_report.canvas import COLOURS, Target, panels
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
     counted,
@@ -34,9 +37,13 @@ from robot_energy_report.formats import (
     significant,
     uncertain,
 )
-from robot_energy_report.friction_figure import friction_over_temperature
 
 AT_BOUND = "0, at bound"
+MILLI = 1e3
+BEYOND = 5.0  # K drawn outside the fitted range, where the edge is held
+LAW_COLOURS = {"constant": COLOURS["fixed"], "exponential": COLOURS["predicted"]}
+UNKNOWN_DEGC = (20.0, 60.0)  # drawn for a constant of an axis without temperatures
+TABLE_COLOUR = "#009e73"
 HELD_OUT = {
     "recordings": "whole recordings",
     "blocks": "contiguous blocks",
@@ -54,6 +61,47 @@ def friction_document(report: FrictionReport, page: Document) -> None:
     )
 
 
+def friction_over_temperature(
+    fits: Sequence[FrictionFit], path: Target, unit: str = "N m", title: str = ""
+) -> None:
+    """Draw points and laws of every axis."""
+    if not fits:
+        raise ShapeError("no axis to draw", "at least one")
+    names = [f"{fit.name}: Coulomb {fit.coulomb:.3g} {unit}" for fit in fits]
+    labels = "motor temperature [degC]", f"viscous [1e-3 {unit} s/rad]"
+    with panels(path, names, (3.2, 2.6), (0.8, 0.6), labels, title=title) as (_, grid):
+        for axes, fit in zip(grid, fits, strict=True):
+            _axis(axes, fit)
+        grid[0].legend(loc="best")
+
+
+def _axis(axes: Any, fit: FrictionFit) -> None:
+    low, high = fit.range_degc if np.isfinite(fit.range_degc).all() else UNKNOWN_DEGC
+    degc = np.linspace(low - BEYOND, high + BEYOND, 200)
+    for name, law in fit.laws.items():
+        chosen = name == fit.chosen
+        axes.plot(
+            degc,
+            MILLI * viscous_law(law).viscous(degc),
+            "-" if chosen else ":",
+            color=LAW_COLOURS.get(name, TABLE_COLOUR),
+            label=f"{name}{', chosen' if chosen else ''}",
+        )
+    axes.errorbar(
+        [point.motor_temperature_degc for point in fit.points],
+        [MILLI * point.viscous for point in fit.points],
+        [2 * MILLI * point.std if np.isfinite(point.std) else 0.0 for point in fit.points],
+        fmt="o",
+        color=COLOURS["measured"],
+        markersize=4,
+        capsize=2,
+        linewidth=1,
+        label="points, 2 std",
+    )
+    axes.margins(y=0.15)
+    axes.set_ylim(bottom=0.0)
+
+
 def friction_tables(report: FrictionReport, page: Document) -> None:
     """Add the friction of every axis."""
     unit = report.torque_unit
@@ -62,7 +110,13 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
         + ("as logged" if report.effort == "log" else "motor side"),
         [
             Column("axis", "name"),
-            Column("Coulomb", _coulomb, unit=unit),
+            Column(
+                "Coulomb",
+                lambda fit: (
+                    uncertain(fit.coulomb, fit.coulomb_std) if fit.coulomb > 0 else AT_BOUND
+                ),
+                unit=unit,
+            ),
             Column("viscous", _law, unit=f"1e-3 {unit} s/rad"),
             Column("Stribeck", _stribeck, unit=unit, optional=True),
             Column("of the load", _by_load, optional=True),
@@ -121,9 +175,11 @@ def gear_tables(gears: GearsFound, page: Document) -> None:
             [
                 Column("gear", "name"),
                 Column(
-                    "time constant", lambda fit: _uncertain(fit.time_constant, 60.0), unit="min"
+                    "time constant",
+                    lambda fit: uncertain(*(each / 60.0 for each in fit.time_constant)),
+                    unit="min",
                 ),
-                Column("rise at work", lambda fit: _uncertain(fit.rise), unit="K"),
+                Column("rise at work", lambda fit: uncertain(*fit.rise), unit="K"),
                 Column("friction work, gear", "error", percent),
                 Column("motor", "motor_error", percent),
                 Column("hours", "hours", fixed(1)),
@@ -135,14 +191,6 @@ def gear_tables(gears: GearsFound, page: Document) -> None:
              "friction that follows the gear and the motor"]
         )  # fmt: skip
     page.notes(grouped(gears.refused))
-
-
-def _uncertain(figure: tuple[float, float], unit: float = 1.0) -> str:
-    return uncertain(figure[0] / unit, figure[1] / unit)
-
-
-def _coulomb(fit: FrictionFit) -> str:
-    return uncertain(fit.coulomb, fit.coulomb_std) if fit.coulomb > 0.0 else AT_BOUND
 
 
 def _stribeck(fit: FrictionFit) -> str | None:
@@ -298,11 +346,6 @@ def link_section(fit: LinkFit, page: Document) -> None:
         "if the constant of the DC side were free as well, it would change by "
         f"{uncertain(fit.loss_dc_shift, fit.loss_dc_shift_std)} W; it stays"
     )
-    page.figure(
-        lambda path: _error_over_energy(fit, path),
-        "Error of the predicted power at the grid over the energy of the DC link, the "
-        "constant of the DC side free as well; shaded: 95 % interval.",
-    )
 
 
 def delay_lines(what: str, delay: Delay | None, low_pass: Delay | None, page: Document) -> None:
@@ -325,18 +368,6 @@ def delay_use(delay: Delay, done: str) -> str:
     if delay.at_edge:
         return f"not applied, at the limit of the search of {1e3 * delay.span:g} ms"
     return done if delay.applied else "not applied"
-
-
-def _error_over_energy(fit: LinkFit, path: Target) -> None:
-    shown = fit.tried <= 3.0 * fit.energy
-    with canvas(path, (6.0, 2.8)) as figure:
-        axes = figure.subplots()
-        axes.plot(fit.tried[shown], fit.tried_rms[shown], ".-", color=COLOURS["predicted"])
-        axes.axvspan(*fit.interval, color=COLOURS["predicted"], alpha=0.15, linewidth=0.0)
-        axes.axvline(fit.energy, color=COLOURS["measured"], linewidth=0.8)
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlabel("energy of the DC link [J]")
-        axes.set_ylabel("RMS error of power [W]")
 
 
 def thermal_document(report: ThermalReport, page: Document) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import reduce
 from math import isfinite
 from pathlib import Path
 from typing import Annotated
@@ -22,13 +23,14 @@ from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.data.bags import VIRTUAL, BagFacts
 from robot_energy_identify.drives.drives import DrivesFit
-from robot_energy_identify.results.drives import DrivesReport, TotalPower
 from robot_energy_identify.results.dynamics import DynamicsReport
 from robot_energy_identify.results.identification import (
+    DrivesReport,
     FrictionReport,
     IdentificationReport,
     StepReport,
     ThermalReport,
+    TotalPower,
 )
 from robot_energy_identify.steps import DynamicsFound
 from robot_energy_report.document import Column, Document
@@ -45,6 +47,20 @@ from robot_energy_report.identification import (
 )
 
 SHOWN_DEGC = (20.0, 40.0, 60.0)
+FIGURES = (  # of the whole robot: path in the model, name and unit
+    ("cabinet.loss_grid", "grid side constant loss", "W"),
+    ("cabinet.loss_dc", "DC side constant loss", "W"),
+    ("cabinet.fan.power", "fan", "W"),
+    ("cabinet.fan.on_above_degc", "fan starts above", "degC"),
+    ("cabinet.fan.hysteresis", "fan stops below that by", "K"),
+    ("meter.time_constant", "low pass of the meter", "s"),
+    ("meter.delay", "delay of the meter", "s"),
+    ("hold.kept", "torque kept at rest from the last motion", "of static friction"),
+    ("hold.carried", "torque load carried", "of static friction"),
+    ("cabinet.capacitor.capacitance", "DC link capacitance", "F"),
+    ("cabinet.capacitor.nominal_voltage", "DC link, rectified mains", "V"),
+    ("cabinet.capacitor.chopper_voltage", "DC link, chopper", "V"),
+)
 
 
 class Change(Described):
@@ -75,38 +91,16 @@ def _pairs(before: RobotModel, after: RobotModel) -> Iterator[Change]:
             for key, words, unit in kind.figures if entry is not None else ():
                 was = None if given is None else getattr(given, key)
                 yield Change(f"{new.name} {words}", unit, was, getattr(entry, key))
-    for key, name in (("loss_grid", "grid side"), ("loss_dc", "DC side")):
-        was, now = getattr(before.cabinet, key), getattr(after.cabinet, key)
-        yield Change(f"{name} constant loss", "W", was, now)
-    old_fan, new_fan = before.cabinet.fan, after.cabinet.fan
-    for key, name, unit in (
-        ("power", "fan", "W"),
-        ("on_above_degc", "fan starts above", "degC"),
-        ("hysteresis", "fan stops below that by", "K"),
-    ):
-        if (figure := getattr(new_fan, key, None)) is not None:
-            yield Change(name, unit, getattr(old_fan, key, None), figure)
-    for key, name in (("time_constant", "low pass of the meter"), ("delay", "delay of the meter")):
-        if (figure := getattr(after.meter, key, None)) is not None:
-            yield Change(name, "s", getattr(before.meter, key, None), figure)
-    for key, name in (("kept", "kept at rest from the last motion"), ("carried", "load carried")):
-        if (figure := getattr(after.hold, key, None)) is not None:
-            unit = "of static friction"
-            yield Change(f"torque {name}", unit, getattr(before.hold, key, None), figure)
-    statics = zip(after.joints, _statics(before), _statics(after), strict=True)
-    for joint, was, figure in statics:
+    for path, name, unit in FIGURES:
+        if (figure := _at(after, path)) is not None:
+            yield Change(name, unit, _at(before, path), figure)
+    for joint, was, figure in zip(after.joints, _statics(before), _statics(after), strict=True):
         if figure is not None:
             yield Change(f"{joint.name} static friction", "of Coulomb", was, figure)
-    old_link, new_link = before.cabinet.capacitor, after.cabinet.capacitor
-    if new_link is None:
-        return
-    for key, name, unit in (
-        ("capacitance", "DC link capacitance", "F"),
-        ("nominal_voltage", "DC link, rectified mains", "V"),
-        ("chopper_voltage", "DC link, chopper", "V"),
-    ):
-        was = None if old_link is None else getattr(old_link, key)
-        yield Change(name, unit, was, getattr(new_link, key))
+
+
+def _at(model: RobotModel, path: str) -> Figure | None:
+    return reduce(lambda part, key: getattr(part, key, None), path.split("."), model)  # type: ignore[return-value]
 
 
 def _statics(model: RobotModel) -> Sequence[Figure | None]:

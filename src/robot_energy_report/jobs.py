@@ -57,10 +57,6 @@ def job_section(page: Document, report: ReplayReport) -> None:
 
 def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFormat) -> None:
     """Add energy and time of the jobs of each name."""
-
-    def energies(kind: tuple[str, list[JobFigures]]) -> list[float]:
-        return [job.energy for job in kind[1]]
-
     page.rows(
         "Energy per job, predicted, at the grid",
         [
@@ -68,8 +64,8 @@ def kind_table(page: Document, reports: Sequence[ReplayReport], scale: EnergyFor
             Column("number", lambda kind: len(kind[1])),
             Column("mean time", lambda kind: _mean_time(kind[1]), fixed(2), "s"),
             Column("mean", lambda kind: mean_energy(kind[1]), scale.joule, scale.unit),
-            Column("lowest", lambda kind: min(energies(kind)), scale.joule),
-            Column("highest", lambda kind: max(energies(kind)), scale.joule),
+            Column("lowest", lambda kind: min(job.energy for job in kind[1]), scale.joule),
+            Column("highest", lambda kind: max(job.energy for job in kind[1]), scale.joule),
             Column("error against\nthe meter", lambda kind: _error(kind[1]), signed_percent),
         ],
         list(job_kinds(reports).items()),

@@ -26,8 +26,6 @@ BETWEEN = 2  # characters between two columns
 
 
 class _Column(Described):
-    """One column of a table."""
-
     name: str
     cells: tuple[str, ...]
     prose: bool
@@ -35,7 +33,6 @@ class _Column(Described):
 
     @property
     def width(self) -> int:
-        """Width of the widest line."""
         lines = (line for text in (self.name, *self.cells) for line in text.splitlines())
         return max((cell_len(line) for line in lines), default=0) or 1  # rich knows no 0
 
@@ -55,11 +52,7 @@ def fitted_table(
     width: int,
     total: Sequence[str] | None = None,
 ) -> Group:
-    """Lay out a table: first column left, prose left, the others right.
-
-    Returns:
-        One table or several below each other; to be printed without cropping.
-    """
+    """Return one table or several below each other, prose left, to be printed without cropping."""
     parts: list[_Column] = []
     for index, name in enumerate(columns):
         cells = tuple(row[index] for row in (*rows, *([] if total is None else [total])))

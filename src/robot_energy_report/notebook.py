@@ -37,11 +37,7 @@ MARGIN = 5.0  # drawn beyond the fitted temperatures of a friction law [K]
 
 
 def html(shown: Any) -> str:
-    """Return a result, a model or a table as HTML: what the terminal shows, and figures.
-
-    Args:
-        shown: A result of a verb or its report; a model; a table over time.
-    """
+    """Return a result, a model or a table as HTML: what the terminal shows, and figures."""
     match shown:
         case TimeSeries():
             page = Document()
@@ -85,15 +81,7 @@ def _named(name: str, units: Mapping[str, str]) -> str:
 
 
 def plot(shown: Any, what: str | None = None, axes: Axes = None) -> Axes:
-    """Draw one aspect of a result, a model or a table: see ``Shown.plot``.
-
-    Args:
-        what: Which; None: the first that it has.
-        axes: Where to; None: a new figure.
-
-    Returns:
-        The axes.
-    """
+    """Return axes with an aspect of a result, a model or a table drawn on: see ``Shown.plot``."""
     power = shown if isinstance(shown, TimeSeries) else getattr(shown, "power", None)
     energy, joints = getattr(shown, "energy", None), getattr(shown, "joints", None)
     model = shown if isinstance(shown, RobotModel) else getattr(shown, "model", None)

@@ -144,7 +144,6 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
     )
     if report.supply is not None:
         _supply(page, report, report.supply)
-    _front(page, report, scale)
     page.heading("How to try it", 3)
     for number, step in enumerate(report.how_to_try, 1):
         page.paragraph(f"{number}. {step}")
@@ -243,19 +242,6 @@ def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) ->
     )
     if report.shared_bus is not None:
         page.paragraph(bus_verdict(report.shared_bus), "strong")
-
-
-def _front(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:
-    with page.only("page"):
-        page.rows(
-            "Trade-offs without waits: no program is better in energy, time and peak at once",
-            [
-                Column("time", "duration", fixed(2), "s"),
-                Column("energy", "energy", scale.joule, scale.unit),
-                Column("peak", "peak_power", fixed(0), "W"),
-            ],
-            report.front,
-        )
 
 
 KILO = 1e-3

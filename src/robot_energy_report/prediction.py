@@ -202,16 +202,14 @@ def _side_by_side(page: Document, runs: Sequence[PredictionReport], names: Seque
         Column("time", lambda run: run.time.duration, fixed(2), "s"),
         Column("mean", lambda run: run.power.predicted_mean_grid_power, fixed(1), "W"),
         Column("peak", lambda run: run.power.predicted_peak_grid_power, fixed(1), "W"),
+        Column(
+            "per printed m",
+            lambda run: run.tool and run.tool.energy_per_printed_metre,
+            significant(4),
+            "J",
+            optional=True,
+        ),
     ]
-    if any(run.tool for run in runs):
-        columns.append(
-            Column(
-                "per printed m",
-                lambda run: run.tool and run.tool.energy_per_printed_metre,
-                significant(4),
-                "J",
-            )
-        )
     page.rows("Time, and power from the grid", columns, runs)
 
 

@@ -25,7 +25,7 @@ from robot_energy_report.formats import (
     signed_percent,
     utc,
 )
-from robot_energy_report.headline import error_of, headline, observed_time, tiles
+from robot_energy_report.headline import error_of, observed_time, tiles
 from robot_energy_report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.prediction import energy_bars
@@ -142,15 +142,9 @@ def _table(
         Column("without constant\nlosses", lambda one: one.comparison.beyond_constant_relative,
                signed_percent),
         Column("friction\nof grid", lambda one: _share([one]), percent, total=_share),
+        Column("per job", lambda one: _per_job([one], scale), optional=True,
+               total=lambda rows: _per_job(rows, scale)),
     ]  # fmt: skip
-    if job_kinds(reports):
-        columns.append(
-            Column(
-                "per job",
-                lambda one: _per_job([one], scale),
-                total=lambda rows: _per_job(rows, scale),
-            )
-        )
     for name, group in groups.items():
         page.rows(name, columns, group, f"{counted(len(group), 'recording')}")
     if len(groups) > 1:
@@ -168,9 +162,6 @@ def _table(
     bad = [_name(one) for one in reports if one.problems]
     if bad:
         page.paragraph(f"{', '.join(bad)}: see the problems named below", "problem")
-    with page.only("terminal"):
-        for one in reports:
-            page.paragraph(f"{one.bag}: {headline(one)}")
 
 
 def _per_job(reports: Sequence[ReplayReport], scale: EnergyFormat) -> str | None:

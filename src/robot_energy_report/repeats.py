@@ -12,11 +12,7 @@ MAX_NAMES = 20  # of recordings that overlap
 
 
 def given_once(names: Sequence[str], contents: Sequence[Hashable]) -> tuple[list[int], list[str]]:
-    """Return the recordings without those that are there already, and a note on each of these.
-
-    Returns:
-        Numbers of those that count, and the notes.
-    """
+    """Return the numbers of the recordings that count once, and a note on each of the others."""
     first: dict[Hashable, int] = {}
     again: dict[tuple[str, str], int] = {}
     for number, (name, content) in enumerate(zip(names, contents, strict=True)):
@@ -33,11 +29,7 @@ def given_once(names: Sequence[str], contents: Sequence[Hashable]) -> tuple[list
 
 
 def overlaps(names: Sequence[str], spans: Sequence[tuple[int | None, int | None]]) -> list[str]:
-    """Return a note on the recordings of one robot that overlap in time; empty if none do.
-
-    Args:
-        spans: First and last stamp of each; None where it has no samples. [ns]
-    """
+    """Return a note on recordings of one robot whose spans [ns] overlap in time, or none."""
     known = [
         (start, end, name)
         for name, (start, end) in zip(names, spans, strict=True)

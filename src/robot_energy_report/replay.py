@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from robot_energy.results.energy import JointEnergy
 from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_report.document import HEADINGS, Column, Document, Text
@@ -267,27 +266,10 @@ def _shaft(page: Document, shaft: ShaftComparison, scale: EnergyFormat) -> None:
 
 
 def _temperatures(page: Document, report: ReplayReport, curves: ReplayCurves | None) -> None:
-    """For pages: the terminal has these figures in the table of the joints."""
-    net, scale = report.energy.net, scale_of([report.energy])
-
-    def of_grid(joint: JointEnergy) -> float | None:
-        return joint.friction_energy / net if net > 0 else None
-
     with page.only("page"):
         page.paragraph(
             f"Where no motor temperature is known, that of the model is taken: "
             f"{report.model.fallback_temperature_degc:g} degC."
-        )
-        page.rows(
-            "Friction by joint, predicted",
-            [
-                Column("", "name"),
-                Column("friction", "friction_energy", scale.joule, scale.unit, total=True),
-                Column("share of grid", of_grid, percent, total=True),
-                Column("last motor temperature", "last_motor_temperature_degc", fixed(1), "degC"),
-            ],
-            report.joints,
-            "all joints",
         )
     if curves is not None:
         page.figure(

@@ -30,32 +30,18 @@ class Series(Described):
 
     label: str
     role: Role
-    time: Annotated[
-        Float,
-        "Middle of each point, since the start of the recording; NaN breaks the curve, shape "
-        "(K,). [s]",
-    ]
+    time: Annotated[Float, "Middle of each point; NaN breaks the curve, shape (K,). [s]"]
     power: Annotated[Float, "Mean of each point, shape (K,). [W]"]
     energy_time: Annotated[Float, "Ends of the points, shape (L,). [s]"]
-    energy: Annotated[
-        Float, "Counted from the start, level where nothing is known, shape (L,). [J]"
-    ]
-    energy_half: Annotated[
-        float, "Half width of the 90 % band of the last energy; NaN for none. [J]"
-    ] = float("nan")
+    energy: Annotated[Float, "From the start, level where unknown, shape (L,). [J]"]
+    energy_half: Annotated[float, "Half the 90 % band of the last energy. [J]"] = float("nan")
 
 
 def compared_series(
     result: Replay, label: str = "predicted", role: Role = "predicted"
 ) -> tuple[Series, Series] | None:
-    """Return measured and predicted power at the meter, over what both cover.
-
-    Returns:
-        Measured and predicted, or None where nothing was compared. Their last energies
-        are those of the comparison.
-    """
-    curve, start_ns = result.compared_curve, result.account.registers.time.start_ns
-    return None if start_ns is None or curve is None else _pair(curve, start_ns, label, role)
+    """Return measured and predicted power at the meter, over what both cover; None for nothing."""
+    return _pair(result.compared_curve, result.account.registers.time.start_ns, label, role)
 
 
 def series_of(
@@ -69,10 +55,10 @@ def series_of(
 
 
 def _pair(
-    curve: EnergyCurve, start_ns: int, label: str, role: Role
+    curve: EnergyCurve | None, start_ns: int | None, label: str, role: Role
 ) -> tuple[Series, Series] | None:
-    rows = curve.rows()
-    if not len(rows.stamp_ns):
+    rows = None if curve is None else curve.rows()
+    if rows is None or start_ns is None or not len(rows.stamp_ns):
         return None
     first = _series("measured", "measured", rows, start_ns, 0, 0)
     return first, _series(label, role, rows, start_ns, 1, 2)
@@ -81,10 +67,7 @@ def _pair(
 def predicted_series(
     result: Replay, label: str = "predicted", role: Role = "predicted"
 ) -> Series | None:
-    """Return the predicted power from the grid, for bags without a meter.
-
-    Arguments as in `compared_series`; None where there is nothing to show.
-    """
+    """Return the predicted power from the grid, for bags without a meter; None for nothing."""
     curve, start_ns = result.predicted_curve, result.account.registers.time.start_ns
     rows = None if curve is None else curve.rows()
     if rows is None or start_ns is None or not len(rows.stamp_ns):
@@ -179,15 +162,13 @@ def power_and_energy(
         figure.align_ylabels(axes)
 
 
+def _style(curve: Series) -> dict[str, str]:
+    return {"linestyle": LINES[curve.role], "color": COLOURS[curve.role]}
+
+
 def _power(axes: Axes, series: Sequence[Series], second: float, place: str) -> None:
     for curve in series:
-        axes.plot(
-            curve.time / second,
-            curve.power,
-            LINES[curve.role],
-            color=COLOURS[curve.role],
-            label=curve.label,
-        )
+        axes.plot(curve.time / second, curve.power, **_style(curve), label=curve.label)
     finite = np.concatenate([curve.power[np.isfinite(curve.power)] for curve in series])
     if finite.min() >= 0:
         axes.set_ylim(bottom=0.0)
@@ -200,13 +181,8 @@ def _residual(axes: Axes, measured: Series, series: Sequence[Series], second: fl
     axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
     for curve in series:
         if curve.role != "measured":
-            axes.plot(
-                curve.time / second,
-                curve.power - _at(measured, curve.time),
-                LINES[curve.role],
-                color=COLOURS[curve.role],
-                linewidth=1.0,
-            )
+            residual = curve.power - _at(measured, curve.time)
+            axes.plot(curve.time / second, residual, **_style(curve), linewidth=1.0)
     axes.set_ylabel("predicted -\nmeasured [W]")
 
 
@@ -233,13 +209,8 @@ def _energy(axes: Axes, series: Sequence[Series], second: float, place: str) -> 
                 capsize=4.0,
                 clip_on=False,
             )
-        axes.plot(
-            curve.energy_time / second,
-            curve.energy / scale.factor,
-            LINES[curve.role],
-            color=COLOURS[curve.role],
-            label=label,
-        )
+        energy = curve.energy / scale.factor
+        axes.plot(curve.energy_time / second, energy, **_style(curve), label=label)
     axes.legend(loc="upper left")
     axes.set_ylabel(f"energy at {place} [{scale.unit}]")
     if all(float(curve.energy.min()) >= 0 for curve in series):

@@ -3,8 +3,7 @@
 Whatever is shown on the rig is labelled so; it proves the method, not a robot.
 """
 
-from robot_energy_rig.config import RigConfig, Sensors
-from robot_energy_rig.output import RigJoints, RigOutput, Truth
+from robot_energy_rig.config import RigConfig, RigJoints, RigOutput, Sensors, Truth
 from robot_energy_rig.profile import (
     HardEffects,
     Lubricant,

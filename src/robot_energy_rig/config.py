@@ -1,14 +1,15 @@
-"""What the rig does: effects to switch, and its sensors."""
+"""What a rig is asked for: effects and sensors; what it gives: joint states, readings, truth."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field, replace
 from math import isfinite
 from typing import Annotated
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import RigError
-from robot_energy.timeline.blocks import MeterMeaning
+from robot_energy.timeline.blocks import Block, Float, MeterBlock, MeterMeaning, TemperatureBlock
 
 HARD = (
     "elastic_joints", "presliding", "coulomb_temperature", "viscous_exponent", "fan",
@@ -67,9 +68,7 @@ class RigConfig(Described):
     demagnetisation: Annotated[
         bool, "Warm magnets are weaker: the same torque needs more current, and reads too high."
     ] = True
-    capacitor: Annotated[
-        bool, "DC link stores energy, the chopper has hysteresis; off: excess is braked at once."
-    ] = True
+    capacitor: Annotated[bool, "DC link stores energy; off: excess is braked at once."] = True
     rectifier: Annotated[bool, "Rectifier loss."] = True
     warming: Annotated[bool, "Losses and ambient change temperatures; off: they stay."] = True
     encoder: Annotated[bool, "Positions are quantised."] = True
@@ -80,9 +79,7 @@ class RigConfig(Described):
     meter_error: Annotated[bool, "Meter has gain error and noise."] = True
     drive_power_error: Annotated[bool, "So have the power readings of the drives."] = True
     elastic_joints: Annotated[bool, "Gears are springs; encoders see the motors."] = False
-    presliding: Annotated[
-        bool, "Coulomb friction reverses over a distance (Dahl); at rest it holds."
-    ] = False
+    presliding: Annotated[bool, "Coulomb friction reverses over a distance (Dahl)."] = False
     creep: Annotated[bool, "With presliding: at rest friction slowly takes over load."] = False
     coulomb_temperature: Annotated[bool, "Coulomb friction falls as the gear warms."] = False
     viscous_exponent: Annotated[bool, "Viscous friction bends with speed."] = False
@@ -90,9 +87,7 @@ class RigConfig(Described):
     velocity_filter: Annotated[bool, "The reported velocities are low-passed."] = False
     meter_filter: Annotated[bool, "So is the power of the meter; its counter is not."] = False
     temperature_error: Annotated[bool, "Thermometers lag and have constant errors."] = False
-    thermal_speedup: Annotated[
-        float, "Factor on the speed of temperatures, and of the lag of their sensors. [-]"
-    ] = 1.0
+    thermal_speedup: Annotated[float, "Factor on speed of temperatures, lag of sensors. [-]"] = 1.0
     sensors: Annotated[Sensors, "Figures of the sensors."] = field(default_factory=Sensors)
 
     def __post_init__(self) -> None:
@@ -123,3 +118,73 @@ class RigConfig(Described):
             if effect not in self._switches:
                 raise RigError(f"the rig has no effect '{effect}'", ", ".join(self._switches))
         return replace(self, **dict.fromkeys(effects, on))
+
+
+class RigJoints(Block):
+    """Joint states as the controller reports them."""
+
+    joint_position: Annotated[Float, "Joint side, shape (N, n). [rad]"]
+    joint_velocity: Annotated[Float, "Joint side, shape (N, n). [rad/s]"]
+    measured_motor_torque: Annotated[Float, "From current and name plate, shape (N, n). [N m]"]
+    measured_drive_power: Annotated[Float, "Input that each drive reports, shape (N, n). [W]"]
+
+
+class Truth(Block):
+    """What really happens in the plant, at the true instants of the samples.
+
+    ``grid_power = sum_i(rigid_power + friction_power + iron_loss + copper_loss
+    + inverter_loss)_i + loss_dc + loss_grid + rectifier_loss + brake_power
+    + capacitor_power`` at every sample.
+    """
+
+    joint_position: Annotated[Float, "Shape (N, n). [rad]"]
+    joint_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    joint_acceleration: Annotated[Float, "Shape (N, n). [rad/s^2]"]
+    motor_velocity: Annotated[Float, "Shape (N, n). [rad/s]"]
+    motor_torque: Annotated[Float, "At the shaft, shape (N, n). [N m]"]
+    motor_torque_friction: Annotated[Float, "Shape (N, n). [N m]"]
+    motor_temperature_degc: Annotated[Float, "Winding and magnets, shape (N, n). [degC]"]
+    gear_temperature_degc: Annotated[Float, "Oil, shape (N, n). [degC]"]
+    rigid_power: Annotated[Float, "Shape (N, n). [W]"]
+    friction_power: Annotated[Float, "Below 0 only where presliding gives back, shape (N, n). [W]"]
+    iron_loss: Annotated[Float, "Shape (N, n). [W]"]
+    copper_loss: Annotated[Float, "Shape (N, n). [W]"]
+    inverter_loss: Annotated[Float, "Shape (N, n). [W]"]
+    loss_dc: Annotated[Float, "Shape (N,). [W]"]
+    loss_grid: Annotated[Float, "Shape (N,). [W]"]
+    rectifier_loss: Annotated[Float, "Shape (N,). [W]"]
+    brake_power: Annotated[Float, "Shape (N,). [W]"]
+    capacitor_power: Annotated[Float, "Signed, shape (N,). [W]"]
+    bus_voltage: Annotated[Float, "Shape (N,). [V]"]
+    grid_power: Annotated[Float, "Shape (N,). [W]"]
+
+    @property
+    def shaft_power(self) -> Float:
+        """Rigid and friction power of each axis, shape (N, n). [W]"""
+        return self.rigid_power + self.friction_power
+
+    @property
+    def drive_power(self) -> Float:
+        """Electrical input of each drive, shape (N, n). [W]"""
+        return self.shaft_power + self.iron_loss + self.copper_loss + self.inverter_loss
+
+
+class RigOutput(Described):
+    """What one step of the rig gave."""
+
+    joints: Annotated[RigJoints, "Joint states."]
+    temperatures: Annotated[TemperatureBlock | None, "Motor temperatures, None if none was due."]
+    meter: Annotated[MeterBlock | None, "Readings of the grid meter, None if none was due."]
+    truth: Annotated[Truth, "For tests and studies; a monitor never sees it."]
+
+    @classmethod
+    def concatenate(cls, outputs: Sequence[RigOutput]) -> RigOutput:
+        """Return at least one output as one with all samples and readings, in the order given."""
+        temperatures = [o.temperatures for o in outputs if o.temperatures is not None]
+        meters = [o.meter for o in outputs if o.meter is not None]
+        return cls(
+            RigJoints.concatenate([o.joints for o in outputs]),
+            TemperatureBlock.concatenate(temperatures) if temperatures else None,
+            MeterBlock.concatenate(meters) if meters else None,
+            Truth.concatenate([o.truth for o in outputs]),
+        )

@@ -20,7 +20,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import RigError
 from robot_energy.timeline.blocks import Float
 from robot_energy_rig.config import RigConfig
 from robot_energy_rig.profile import HardEffects, PlantProfile
@@ -152,9 +151,7 @@ class DriveFlows(Described):
     iron_loss: Annotated[Float, ">= 0. [W]"]
     copper_loss: Annotated[Float, ">= 0. [W]"]
     inverter_loss: Annotated[Float, ">= 0. [W]"]
-    measured_motor_torque: Annotated[
-        Float, "Current times the torque constant on the name plate. [N m]"
-    ]
+    measured_motor_torque: Annotated[Float, "Current times the name-plate constant. [N m]"]
 
 
 class PlantFriction:
@@ -305,11 +302,6 @@ class ThermalNetwork:
         motor_temperature_degc: At the start, shape (n,). [degC]
         gear_temperature_degc: At the start, shape (n,). [degC]
         ambient_degc: [degC]
-
-    Attributes:
-        motor_temperature_degc: Now, shape (n,). [degC]
-        gear_temperature_degc: Now, shape (n,). [degC]
-        ambient_degc: Now. [degC]
     """
 
     def __init__(
@@ -324,12 +316,6 @@ class ThermalNetwork:
         self.gear_temperature_degc = gear_temperature_degc.copy()
         self.ambient_degc = ambient_degc
         self._inner, self._outer = profile.motor_conductance, profile.gear_conductance
-        if step > longest_step(profile):
-            raise RigError(
-                f"one step of the temperatures is {step:.3g} s of thermal time",
-                f"at most {longest_step(profile):.3g} s, a tenth of the fastest time constant",
-                "reduce thermal_speedup",
-            )
         rate, shape = np.linalg.eig(_matrix(profile))
         self._transition = (shape * np.exp(rate * step)[:, None, :]) @ np.linalg.inv(shape)
 

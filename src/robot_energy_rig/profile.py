@@ -52,10 +52,7 @@ class Lubricant(Described):
 
     """
 
-    viscosity_40: Annotated[
-        float,
-        "Kinematic viscosity at 40 degC; an ISO VG grade is this figure within 10 %. [mm^2/s]",
-    ]
+    viscosity_40: Annotated[float, "Kinematic, at 40 degC: the ISO VG grade within 10 %. [mm^2/s]"]
     viscosity_100: Annotated[float, "At 100 degC. [mm^2/s]"]
 
     def __post_init__(self) -> None:
@@ -138,21 +135,14 @@ class SupplyProfile(Described):
 class HardEffects(Described):
     """Figures of the effects that `RigConfig.hard` adds; the same for every axis."""
 
-    elastic_deflection: Annotated[
-        float, "Of a joint at the effort limit of the URDF. [rad] or [m]"
-    ] = 1.5e-3
-    presliding_angle: Annotated[
-        float, "Motor angle over which Coulomb friction reverses to 63 %. [rad]"
-    ] = 0.3
+    elastic_deflection: Annotated[float, "At the effort limit. [rad] or [m]"] = 1.5e-3
+    presliding_angle: Annotated[float, "Of the motor, for 63 % of a reversal. [rad]"] = 0.3
     coulomb_fall: Annotated[
         float,
-        "Share of Coulomb friction lost per kelvin above 40 degC of the gear; it never falls below "
-        "`MIN_COULOMB_SHARE`. [1/K]",
+        "Coulomb friction lost per kelvin above 40 degC, down to `MIN_COULOMB_SHARE`. [1/K]",
     ] = 0.003
     viscous_exponent: Annotated[float, "Of speed, in (0, 1]. [-]"] = 0.8
-    viscous_speed: Annotated[
-        float, "Motor speed at which the exponent changes nothing. [rad/s]"
-    ] = 150.0
+    viscous_speed: Annotated[float, "Where the exponent changes nothing. [rad/s]"] = 150.0
     fan_power: Annotated[float, "Of the fan, on the grid side. [W]"] = 25.0
     fan_on_degc: Annotated[float, "It starts when the warmest motor is above. [degC]"] = 45.0
     fan_off_degc: Annotated[float, "It stops below. [degC]"] = 40.0
@@ -180,16 +170,12 @@ class PlantProfile(Described):
     """
 
     body: Annotated[
-        str,
-        "Name of the shipped model, or path of a model file, of which only URDF, payload, gear "
-        "ratios and rotor inertias are used.",
+        str, "A shipped model or model file: URDF, payload, gear ratios, rotor inertias of it."
     ]
     lubricant: Annotated[tuple[Lubricant, ...], "One oil per axis."]
     coulomb: Annotated[Float, "At no load. [N m]"]
     load_coulomb: Annotated[Float, "Per rigid-body motor torque. [-]"]
-    stribeck: Annotated[
-        Float, "Added at zero speed, falling with ``exp(-(w/stribeck_velocity)^2)``. [N m]"
-    ]
+    stribeck: Annotated[Float, "At zero speed, ``exp(-(w/stribeck_velocity)^2)`` of it. [N m]"]
     stribeck_velocity: Annotated[Float, "[rad/s]"]
     viscous_40: Annotated[Float, "Viscous coefficient with the oil at 40 degC. [N m s/rad]"]
     torque_constant: Annotated[Float, "At 20 degC. [N m/A rms]"]

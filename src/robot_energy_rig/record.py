@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import field
 from itertools import chain
 from operator import itemgetter
 from pathlib import Path
@@ -32,7 +31,7 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy_rig.output import RigJoints, RigOutput
+from robot_energy_rig.config import RigJoints, RigOutput
 from robot_energy_rig.virtual_rig import VirtualRig
 
 LOADS = ("pump", "extruder")
@@ -172,13 +171,9 @@ class RigRecording(Described):
     messages: dict[str, int]
     energy: Annotated[float, "True energy drawn from the grid. [J]"]
     peak_power: Annotated[float, "Greatest true power from the grid. [W]"]
-    motor_temperature_degc: Annotated[
-        Float, "True ones at the first and the last sample, shape (2, n). [degC]"
-    ]
+    motor_temperature_degc: Annotated[Float, "True ones, first and last, shape (2, n). [degC]"]
     gear_temperature_degc: Annotated[Float, "The same of the oil, shape (2, n). [degC]"]
-    auxiliary_energy: Annotated[
-        dict[str, float], "True energy of each auxiliary load, by its name; empty without. [J]"
-    ] = field(default_factory=dict[str, float])
+    auxiliary_energy: Annotated[dict[str, float], "True energy of each auxiliary load. [J]"]
 
 
 class RigEncoder:
@@ -221,27 +216,18 @@ class RigEncoder:
         )
 
     def drive_power(self, block: RigJoints) -> NDArray[np.uint8]:
-        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size).
-
-        Argument as in `RigEncoder.joint_states`.
-        """
+        """Return std_msgs/Float64MultiArray messages, one value per drive, shape (N, size)."""
         nothing = np.empty((len(block), 0), dtype=np.uint32)
         columns = {"layout.dim.size": nothing, "layout.dim.stride": nothing}
         return self._drives.encode({**columns, "data": block.measured_drive_power}, len(block))
 
     def temperatures(self, block: TemperatureBlock) -> NDArray[np.uint8]:
-        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size).
-
-        Argument as in `RigEncoder.joint_states`.
-        """
+        """Return ros2_energy_msgs/MotorTemperatures messages, shape (N, size)."""
         degc = {"temperature_degc": block.motor_temperature_degc}
         return self._temperatures.encode(stamp_columns(block.stamp_ns) | degc, len(block))
 
     def meter(self, block: MeterBlock) -> NDArray[np.uint8]:
-        """Return ros2_energy_msgs/PowerReading messages, shape (N, size).
-
-        Argument as in `RigEncoder.joint_states`.
-        """
+        """Return ros2_energy_msgs/PowerReading messages, shape (N, size)."""
         return self._meter.encode(
             {
                 **stamp_columns(block.stamp_ns),
@@ -266,14 +252,11 @@ def _write(bag: BagWriter, waiting: list[Message], before_ns: int | None) -> lis
 
 
 def outputs(rig: VirtualRig, duration: float, step: float = STEP) -> Iterator[RigOutput]:
-    """Run a rig for a while, one piece at a time.
+    """Yield what a rig gives in a while, one piece at a time.
 
     Args:
         duration: [s]
         step: Length of a piece. [s]
-
-    Yields:
-        The pieces.
     """
     if not (duration > 0 and step > 0 and np.isfinite(duration)):
         raise RigError(f"a run of {duration} s in steps of {step} s was asked for", "times > 0 s")
@@ -358,11 +341,7 @@ def record(
 def load_messages(
     encoder: RigEncoder, loads: Mapping[str, LoadRecord]
 ) -> Iterator[tuple[str, Int, NDArray[np.uint8]]]:
-    """Return the messages of auxiliary loads.
-
-    Yields:
-        Topic, log times [ns] and messages of the meter, then of the states, of each load.
-    """
+    """Yield topic, log times [ns] and messages of the meter, then of the states, of each load."""
     state = Encoder(STATE)
     for name, load in loads.items():
         readings = load.readings

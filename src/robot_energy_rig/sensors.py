@@ -19,8 +19,7 @@ from robot_energy.timeline.blocks import (
     TemperatureBlock,
 )
 from robot_energy_plan.motion import Trajectory
-from robot_energy_rig.config import RigConfig
-from robot_energy_rig.output import RigJoints, Truth
+from robot_energy_rig.config import RigConfig, RigJoints, Truth
 
 TURN = 2.0 * np.pi  # rad
 JITTER_SPREAD = 3.0  # standard deviations at which the jitter is cut

@@ -31,8 +31,7 @@ from robot_energy.timeline.blocks import (
     sum_over_joints,
 )
 from robot_energy_plan.motion import JointMotion, Trajectory
-from robot_energy_rig.config import RigConfig
-from robot_energy_rig.output import RigJoints, RigOutput, Truth
+from robot_energy_rig.config import RigConfig, RigJoints, RigOutput, Truth
 from robot_energy_rig.plant import (
     DriveFlows,
     Fan,

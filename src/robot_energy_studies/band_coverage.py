@@ -50,10 +50,7 @@ class Recorded(Described):
     duration: Annotated[float, "[s]"]
     dwell: Annotated[float, "Rest after every motion. [s]"]
     speedup: Annotated[float, "Factor on how fast temperatures change. [-]"] = 1.0
-    gear_degc: Annotated[
-        float | None,
-        "Temperature of the gears at the start, where it is not that of the motors. [degC]",
-    ] = None
+    gear_degc: Annotated[float | None, "Of the gears at the start; None: of motors. [degC]"] = None
     rate: Annotated[float, "Of the joint states. [Hz]"] = 250.0
 
 
@@ -83,9 +80,7 @@ class BandRuns(Described):
     """What the rig does for the bands."""
 
     training: tuple[Recorded, ...] = TRAINING
-    warm_up: Annotated[Recorded | None, "For the gears; None: friction follows the motors."] = (
-        WARM_UP
-    )
+    warm_up: Annotated[Recorded | None, "For gears; None: friction follows motors."] = WARM_UP
     metered: Annotated[Recorded, "With a meter, which calibrates the bands."] = Recorded(
         "ten_minutes", 30.0, 600.0, 0.5
     )
@@ -98,26 +93,18 @@ class Covered(Described):
     plant: str
     run: str
     error: Annotated[float, "Predicted over measured energy, less 1. [-]"]
-    half: Annotated[
-        float,
-        "Half width of the band of the energy after ten minutes with a meter, over the "
-        "measured energy. [-]",
-    ]
+    half: Annotated[float, "Half of the band after ten minutes with a meter, over the energy. [-]"]
     half_known: Annotated[float, "The same at known temperatures. [-]"]
     half_alone: Annotated[float, "The same without a meter. [-]"]
     counts: Annotated[
-        Int,
-        "Readings of the meter, 0.1 s each, by phase: all, and those within the band of "
-        "power, shape (P, 2).",
+        Int, "Readings of 0.1 s by phase: all, and those within the band, shape (P, 2)."
     ]
     half_power: Annotated[float, "Median half width of that band over the mean power. [-]"]
     means: int
     inside_alone: Annotated[int, "Of them, within the band of power without a meter."]
     half_power_alone: Annotated[float, "Median half width of that band over the mean power. [-]"]
     scores_power: Annotated[
-        Float,
-        "Errors of the readings over the deviation that the band of power implies, shape "
-        "(readings,). [-]",
+        Float, "Errors over the deviation of the band, shape (readings,). [-]"
     ] = field(repr=False)
     scores_power_alone: Annotated[
         Float, "The same of the means without a meter, shape (means,). [-]"

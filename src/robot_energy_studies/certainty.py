@@ -17,7 +17,7 @@ from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float, Learning
 from robot_energy_papers.drawings import reliability
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.pages import Piece
 from robot_energy_rig import load_profile, random_profile
 from robot_energy_studies.band_coverage import (
@@ -62,18 +62,14 @@ SHORT = BandRuns(
 class CertaintyStudySize(Described):
     """How much is done."""
 
-    robots: Annotated[
-        tuple[str, ...], "Whose bodies the plants have; each repetition has the next."
-    ]
+    robots: Annotated[tuple[str, ...], "Whose bodies plants have; each repetition has the next."]
     repetitions: int
     hard: int
     bands: Annotated[BandRuns | None, "Runs behind the bands; None for the full ones."]
     band_plants: int
     thermal: int
     wear: Annotated[int, "Axes of one plant that wear by 15 %, each in a run of its own."]
-    learning_robots: Annotated[
-        tuple[str, ...], "Plants of the rig whose model is mistaken, watched by a learner."
-    ]
+    learning_robots: Annotated[tuple[str, ...], "Plants with a mistaken model and a learner."]
     learning_minutes: Annotated[int, "How long each works. [min]"]
 
 
@@ -98,9 +94,7 @@ class Certainty(Described):
 
     seed: int
     scale: CertaintyStudySize
-    intervals: Annotated[
-        list[list[Judged]], "Identified figures of each repetition, within the form of the model."
-    ]
+    intervals: Annotated[list[list[Judged]], "Of each repetition, within the form of the model."]
     hard: Annotated[list[list[Judged]], "The same with every effect of the rig."]
     bands: list[Covered]
     thermal: list[HiddenPlant]
@@ -138,8 +132,7 @@ def study(options: StudyRun, scale: CertaintyStudySize) -> Certainty:
     first = 1000 * seed
     plants = [(robot, torque) for robot in scale.learning_robots for torque in (True, False)]
     single = scale.repetitions + scale.hard + scale.band_plants + scale.thermal + scale.wear
-    steps = Steps(single + len(plants), options.progress)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, single + len(plants)) as run:
         own, hard = (
             [run(repetitions, scale.robots, [first + k], kind) for k in range(number)]
             for number, kind in ((scale.repetitions, False), (scale.hard, True))

@@ -31,7 +31,7 @@ from robot_energy_identify.stats.cross_validation import rms_of
 from robot_energy_logs.log_formats import LOG_FORMATS
 from robot_energy_logs.log_import import contents_of, open_logs
 from robot_energy_logs.mapping import load_mapping
-from robot_energy_papers.job_pool import Steps, StudyRun
+from robot_energy_papers.job_pool import StudyRun
 from robot_energy_papers.pages import Piece
 
 DATA = "ROBOT_ENERGY_DATA"  # names the folder of the recordings
@@ -57,9 +57,7 @@ class TestedRecording(Described):
     rms: Annotated[float, "Error of the power. [W]"]
     energy_error: Annotated[float, "Predicted over measured energy minus 1. [-]"]
     tool_path: Annotated[float | None, "Way of the tool; None without kinematics. [m]"]
-    body_work: Annotated[
-        float | None, "What lifted and accelerated bodies; None without a model. [J]"
-    ]
+    body_work: Annotated[float | None, "What lifted and moved bodies; None without a model. [J]"]
 
     @property
     def energy_per_metre(self) -> float | None:
@@ -113,11 +111,11 @@ def data_folder(given: str | None = None) -> Path:
 
 def study(options: StudyRun, folder: Path) -> tuple[TestedRobot, ...]:
     """Return the test of each robot."""
-    steps = Steps(2, options.progress)
-    robots = [_ur3e(folder / "rad_ur3e")]
-    steps.done()
-    robots.append(_yu_cobot(folder / "voraus" / "test.parquet"))
-    steps.done()
+    done = options.steps(2)
+    robots: list[TestedRobot] = []
+    for test, place in ((_ur3e, "rad_ur3e"), (_yu_cobot, "voraus/test.parquet")):
+        robots.append(test(folder / place))
+        done()
     return tuple(robots)
 
 

@@ -149,7 +149,9 @@ def _visits(
                 less = carried.mass - MISSING
                 rig.change(payload=[payload(carried.link, less, carried.centre_of_mass)])
             if kind == "friction":
-                rig.change(wear=_wear(profile.n_joints, day / (7 * plan.weeks - 1)))
+                worn, share = np.ones(profile.n_joints), day / (7 * plan.weeks - 1)
+                worn[WORN_AXIS] += WEAR * max(share - WEAR_FROM, 0.0) / (1.0 - WEAR_FROM)
+                rig.change(wear=worn)
             yield Visit(
                 name, f"{begin:%F}-shift{shift + 1}", rig, program.period, PROGRAMMES[place], start,
                 (program.period - pause) / CYCLES,
@@ -163,13 +165,6 @@ def _visits(
                 start * SECOND_NS, NIGHT_RATE, device_seed=device,
             )  # fmt: skip
             yield Visit(name, f"{begin:%F}-night", rig, NIGHT_TIME, "", start, 0.0)
-
-
-def _wear(n_joints: int, share: float) -> np.ndarray:
-    """Factor on the friction of each axis after a share of the time."""
-    worn = np.ones(n_joints)
-    worn[WORN_AXIS] += WEAR * max(share - WEAR_FROM, 0.0) / (1.0 - WEAR_FROM)
-    return worn
 
 
 def _write_bags(folder: Path, plan: FleetPlan) -> int:

@@ -35,7 +35,7 @@ from robot_energy_papers.experiment import (
     TOOL,
     MotionSet,
 )
-from robot_energy_papers.job_pool import Steps, StudyRun, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_papers.models import (
     FIXED_DEGC,
     FOLLOWS,
@@ -68,10 +68,7 @@ class IndependentStudySize(Described):
     """How much is done."""
 
     plants: int
-    train: Annotated[
-        tuple[float, ...],
-        "When sets for identification are recorded, as shares of the rise of the windings.",
-    ]
+    train: Annotated[tuple[float, ...], "When sets are recorded, shares of the rise of windings."]
     test: tuple[float, ...]
     moves: int
 
@@ -83,13 +80,9 @@ QUICK = IndependentStudySize(2, (0.0, 0.5, 1.0), (0.3, 0.9), 12)
 class IndependentRow(PlantRow):
     """One plant of the second simulator."""
 
-    robot_degc: Annotated[
-        tuple[float, ...], "Mean motor temperature of each held-out set. [degC]"
-    ] = ()
+    robot_degc: Annotated[tuple[float, ...], "Mean of the motors in each held-out set. [degC]"] = ()
     mean_power: Annotated[tuple[float, ...], "Measured in each. [W]"] = ()
-    imbalance: Annotated[
-        float, "Greatest difference of the energies of the simulation, relative. [-]"
-    ] = 0.0
+    imbalance: Annotated[float, "Greatest imbalance of the simulation, relative. [-]"] = 0.0
 
 
 @dataclass(frozen=True)
@@ -105,8 +98,7 @@ def study(options: StudyRun, scale: IndependentStudySize) -> Independent:
     """Return what the whole study finds."""
     require("mujoco", "the second simulator")
     first = 1000 * options.seed + 1
-    steps = Steps(scale.plants, options.progress)
-    with job_pool(options.workers, steps.done) as run:
+    with job_pool(options, scale.plants) as run:
         jobs = [run(independent_row, first + number, scale) for number in range(scale.plants)]
         return Independent(options.seed, scale, [job.result() for job in jobs])
 
@@ -129,9 +121,7 @@ class Experiment(Described):
     train: list[MotionSet]
     test: list[MotionSet]
     rest: Path
-    imbalance: Annotated[
-        float, "Greatest difference of the energies of the simulation, relative. [-]"
-    ]
+    imbalance: Annotated[float, "Greatest imbalance of the simulation, relative. [-]"]
 
 
 def independent_row(plant_seed: int, scale: IndependentStudySize) -> IndependentRow:

@@ -78,9 +78,7 @@ class IntervalCoverage(Described):
     repetitions: int
     share: Annotated[float, "Of the intervals that hold the truth. [-]"]
     half_width: Annotated[float, "Median of half the interval over the truth. [-]"]
-    deviations: Annotated[
-        float, "Root mean square of the error in standard deviations; 1 if these are right. [-]"
-    ]
+    deviations: Annotated[float, "RMS of the error in standard deviations; 1: as stated. [-]"]
 
 
 class DrawnPlant(Described):
@@ -88,9 +86,7 @@ class DrawnPlant(Described):
 
     profile: PlantProfile
     config: RigConfig
-    seed: Annotated[
-        int, "Of motions, noise, constant errors and of the errors of the model to begin with."
-    ]
+    seed: Annotated[int, "Of motions, noise, constant errors and errors of the first model."]
 
     @classmethod
     def of(cls, robot: str, seed: int, hard: bool) -> DrawnPlant:

@@ -131,9 +131,7 @@ class WearRow(Described):
     """One axis that was made to wear."""
 
     joint: int
-    found: Annotated[
-        float, "Time from the beginning of wear until the alarm; NaN if there was none. [h]"
-    ]
+    found: Annotated[float, "From the beginning of wear until the alarm; NaN: none. [h]"]
     motion: Annotated[float, "Motion of this axis in that time. [h]"]
     named: Annotated[tuple[int, ...], "Axes with an alarm that somebody should look at."]
     size: Annotated[float, "Change stated at the end. [-]"]

@@ -37,7 +37,6 @@ from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
 from robot_energy_studies.band_coverage import AMBIENT, BODY, DrawnRig, Recorded
 
 RATE = 250.0  # Hz
-UNCHANGED = "unchanged"  # measure of the control
 
 
 class JudgedClaim:
@@ -157,7 +156,6 @@ class SavingsStudySize(Described):
     temperatures: Annotated[tuple[float, ...], "Of motors and gears. [degC]"]
     programs: int
     brute: Annotated[bool, "Whether the best choice on the rig is looked for."]
-    limits: int
     waits: Annotated[
         bool,
         "Whether only cycles with 3 to 8 s of waiting are judged. Joints of every second plant "
@@ -195,19 +193,13 @@ def judge_plant(
             for cycle_time in (None, stretch * program.period):
                 task = task_of(model, program, limits, degc, cycle_time)
                 savings += _savings(work, task)
-                if cycle_time is None:
-                    savings.append(_unchanged(work, task))
             if scale.brute:
                 choices += _choices(work, model, stretch)
     return savings, choices
 
 
 def task_of(
-    model: RobotModel,
-    program: Program,
-    limits: MotionLimits,
-    degc: float,
-    cycle_time: float | None,
+    model: RobotModel, program: Program, limits: MotionLimits, degc: float, cycle_time: float | None
 ) -> Task:
     """Return the task to make a program cheaper.
 
@@ -251,15 +243,6 @@ def _savings(work: DrawnWork, task: Task) -> list[JudgedSaving]:
         changed = run_as(found.task, plan, work.program, work.limits)
         rows.append(work.judged(name, base, found.base, after, changed, standing))
     return rows
-
-
-def _unchanged(work: DrawnWork, task: Task) -> JudgedSaving:
-    """The control: the program goes through the optimiser as it is, is read again, and run."""
-    same = run_as(task, task.base, work.program, work.limits)
-    again = task_of(task.chain.model, same, work.limits, work.degc, None)
-    before, after = (one.table.cost(one.base) for one in (task, again))
-    base = work.rig.energy(work.program)
-    return work.judged(UNCHANGED, base, before, after, same, 0.0)
 
 
 def _choices(work: DrawnWork, model: RobotModel, stretch: float) -> list[JudgedChoice]:

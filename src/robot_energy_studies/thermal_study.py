@@ -29,10 +29,7 @@ from robot_energy.timeline.blocks import (
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.friction.friction import fit_axes, with_friction
 from robot_energy_identify.friction.samples import friction_data
-from robot_energy_identify.thermal.network import (
-    fit_networks,
-    with_networks,
-)
+from robot_energy_identify.thermal.network import fit_networks, with_networks
 from robot_energy_identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
@@ -54,25 +51,15 @@ class HiddenPlant(Described):
     """One plant, its test replayed without temperature sensors."""
 
     name: str
-    warm_rms: Annotated[
-        Float, "Error of the estimate after the first twenty minutes, by joint. [K]"
-    ]
+    warm_rms: Annotated[Float, "Error of the estimate after twenty minutes, by joint. [K]"]
     early_rms: Annotated[Float, "The same within them. [K]"]
-    fallback_rms: Annotated[
-        Float, "Error of the fallback temperature over the whole test, by joint. [K]"
-    ]
+    fallback_rms: Annotated[Float, "Error of the fallback temperature in the test, by joint. [K]"]
     std: Annotated[float, "Mean standard deviation that the estimate states. [K]"]
-    covered: Annotated[
-        float, "Share of the samples whose true temperature lies in the 90 % band. [-]"
-    ]
+    covered: Annotated[float, "Share of the samples with the truth in the 90 % band. [-]"]
     energy_change: Annotated[
-        float,
-        "Predicted energy without sensors over that with them, less 1, each of the true "
-        "energy. [-]",
+        float, "Energy without sensors less that with them, over the true one. [-]"
     ]
-    fallback_change: Annotated[
-        float, "The same with the fallback temperature instead of the estimate. [-]"
-    ]
+    fallback_change: Annotated[float, "The same with the fallback temperature instead. [-]"]
     refused: Annotated[tuple[str, ...], "Why joints have no network, one sentence each."] = ()
 
 

@@ -23,13 +23,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from histories import DAY, HOUR, MINUTE, START, Robot
 from robot_energy_history.api import history, history_jobs
-from robot_energy_history.files import open_reader
+from robot_energy_history.files import JOB_SUMS, open_reader
 from robot_energy_history.readings import COLUMNS
 from robot_energy_history.rollup import Rolled, curve_id
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff, add_tariffs
-from robot_energy_report.page.history_view import HistoryView, savings_answer, savings_wish
+from robot_energy_report.page.history_view import HistoryView, savings_answer
 
 IMPORT = "predicted_import_microjoule"
 REPEATS = 5
@@ -189,8 +188,7 @@ def run(folder: Path, quick: bool) -> tuple[Table, dict[str, Any], dict[str, boo
         asked = {"period": ["month"], "robot": names, "driver": ["parts"],
                  "baseline_start": ["2026-10-01"], "baseline_stop": ["2026-12-01"]}  # fmt: skip
         wish = page.wish(asked, noon)
-        days = savings_wish(asked, wish.period, noon)
-        answer = lambda: savings_answer(folder / "year", names, wish.period, days)  # noqa: E731
+        answer = lambda: savings_answer(folder / "year", wish, asked, noon)  # noqa: E731
         return median(answer, time.process_time)
 
     priced |= {

@@ -28,7 +28,7 @@ from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.advice.claims import shared_bus
 from robot_energy_fleet.advice.evidence import EvidenceSums
 from robot_energy_papers.experiment import MIN_HEIGHT, TOOL
-from robot_energy_papers.job_pool import Steps, job_pool
+from robot_energy_papers.job_pool import StudyRun, job_pool
 from robot_energy_plan.api.shared_bus import shared_bus as shared_bus_of
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
@@ -207,7 +207,7 @@ if __name__ == "__main__":
     parser.add_argument("first", type=int, help="seed of the first plant")
     parser.add_argument("plants", type=int, help="how many, by two")
     asked = parser.parse_args()
-    with job_pool(2, Steps(asked.plants // 2, None).done) as run:
+    with job_pool(StudyRun(Path(), 0, 2), asked.plants // 2) as run:
         jobs = [run(judged_plants, asked.first + place) for place in range(0, asked.plants, 2)]
         judged = [row for job in jobs for row in job.result()]
     print("\n".join(count(judged)))

@@ -25,7 +25,7 @@ from robot_energy_fleet.bag_sums import HourSums
 from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.results.fleet import FleetReport
 from robot_energy_fleet.tables import FleetTables, Rows, tables_of
-from robot_energy_rig.output import RigOutput
+from robot_energy_rig.config import RigOutput
 from robot_energy_studies.generated_fleet import ROBOT, FleetPlan, Visit, visits
 from robot_energy_studies.learning_study import joint_block, pipeline_of
 

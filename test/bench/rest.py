@@ -30,7 +30,7 @@ from robot_energy.timeline.blocks import EffortMeaning, Float, PowerBlock
 from robot_energy_identify.api.identify import identify_all
 from robot_energy_report.printing import table
 from robot_energy_rig import RigConfig
-from robot_energy_rig.output import RigOutput
+from robot_energy_rig.config import RigOutput
 from robot_energy_rig.record import outputs, record
 from robot_energy_studies.learning_study import joint_block
 

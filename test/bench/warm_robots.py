@@ -22,7 +22,7 @@ from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_plan.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
-from robot_energy_rig.output import RigOutput
+from robot_energy_rig.config import RigOutput
 from robot_energy_rig.record import outputs, record
 from robot_energy_studies.learning_study import joint_block
 

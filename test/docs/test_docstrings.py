@@ -120,6 +120,8 @@ def gaps_of_function(
     given = [item for item in every if item.arg not in ("self", "cls")]
     if function.name == "_" or any("overload" in ast.unparse(d) for d in function.decorator_list):
         return
+    if not docstring and name.partition(".")[0] in users:
+        yield "docstring", name
     described = entries(section(docstring, "Args") or section(docstring, "Attributes") or "")
     elsewhere = AS_IN.search(docstring)
     if elsewhere:  # the interface describes them
@@ -150,6 +152,7 @@ def gaps_of_function(
     first = docstring.split("\n")[0]
     if (
         gives
+        and docstring
         and function.name != "__init__"
         and not elsewhere
         and section(docstring, "Returns", "Yields") is None
@@ -211,6 +214,7 @@ def test_interfaces_that_docstrings_refer_to_exist():
 @pytest.mark.parametrize(
     ("source", "expected"),
     [
+        ("def f() -> int:\n    return 1", ["docstring"]),
         ('def f(a: int) -> None:\n    """Do."""', ["argument"]),
         ('def f(a: int) -> None:\n    """Do.\n\n    Args:\n        a: Number.\n    """', []),
         ('def f(a: float) -> None:\n    """Do.\n\n    Args:\n        a: Speed.\n    """', ["unit"]),

@@ -12,12 +12,15 @@ from robot_energy.bag.cdr import typestore
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion.gcode import load_gcode, read_gcode
-from robot_energy_plan.motion.joint_trajectory import read_points
+from robot_energy_plan.motion.joint_trajectory import MESSAGE as JOINT_TRAJECTORY
+from robot_energy_plan.motion.joint_trajectory import (
+    decode_trajectory,
+    read_csv_trajectory,
+    read_points,
+)
 from robot_energy_plan.motion.ptp_file import program_for, read_program
 from robot_energy_plan.motion.slicing import Slicing, slice_stl
-from robot_energy_plan.motion.tool_timing import TimedPath
-from robot_energy_plan.motion.trajectory_io import MESSAGE as JOINT_TRAJECTORY
-from robot_energy_plan.motion.trajectory_io import decode_trajectory, read_csv_trajectory
+from robot_energy_plan.motion.tool_motion import TimedPath
 
 
 def gcode(data: bytes) -> bool:

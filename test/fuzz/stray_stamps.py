@@ -6,8 +6,7 @@ import numpy as np
 from target import JOINTS
 
 import robots
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import POWER_READING

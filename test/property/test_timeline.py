@@ -14,8 +14,8 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import Block, Int
-from robot_energy.timeline.stamps import StampOrder, first_needed, held_rows, newer
-from robot_energy.timeline.streams import Reach, StreamSplitter, slow_reach
+from robot_energy.timeline.stamps import Reach, first_needed, held_rows, newer, slow_reach
+from robot_energy.timeline.streams import StampOrder, StreamSplitter
 
 MODEL = robots.two_link()
 REACHES = [Reach(), Reach(patient=False), Reach(prompt=True), slow_reach(60 * SECOND)]

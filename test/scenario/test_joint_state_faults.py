@@ -9,8 +9,7 @@ import pytest
 
 import robots
 from joint_messages import JOINT_STATE, batch, message
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.pipeline import EnergyPipeline, Settings

@@ -11,7 +11,7 @@ import pytest
 
 from places import ROOT
 from robot_energy.bag import BagReader, BagWriter
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, MeterSource

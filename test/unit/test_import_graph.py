@@ -28,7 +28,7 @@ MODULES = {
         writer
     """,
     "robot_energy.bag.cdr": """
-        batch decode encode lazy_store schema types walk
+        decode encode lazy_store schema types walk
     """,
     "robot_energy.certainty": """
         band_calibration deviation energy_calibration figure_deviations
@@ -90,17 +90,17 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        check command commands export fleet history identify identify_drives
-        identify_dynamics identify_excitation identify_inputs import_logs info kinds layouts
-        listings main model_reference models monitoring motions replay replay_arguments
-        report result_schema simulate stopping terminal test
+        check command commands dashboards export fleet history identify identify_drives
+        identify_dynamics identify_excitation identify_inputs import_logs info listings
+        main model_reference models motions replay replay_arguments report result_schema
+        simulate terminal test
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
         merged_laws options report sisters tables
     """,
     "robot_energy_fleet.advice": """
-        advise claims dataset_evidence evidence
+        advise claims evidence
     """,
     "robot_energy_fleet.documents": """
         advice fleet
@@ -109,18 +109,15 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files jobs notes outputs queries readings rollup rows savings
-        schema store tariffs use
+        api bags check differences files outputs queries readings rollup rows savings
+        store tariffs use
     """,
     "robot_energy_identify": """
-        blas_threads bounds friction_and_thermal options plausibility provenance
+        auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
         refused_recordings run_all steps
     """,
     "robot_energy_identify.api": """
         bag_source evaluate identify
-    """,
-    "robot_energy_identify.auxiliary": """
-        readings states
     """,
     "robot_energy_identify.cabinet": """
         cabinet dc_link fan levels link_errors link_readings phase_readings supply
@@ -137,7 +134,7 @@ MODULES = {
     """,
     "robot_energy_identify.dynamics": """
         base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
-        sufficiency torque_model validation
+        torque_model validation
     """,
     "robot_energy_identify.excitation": """
         excitation limits
@@ -146,13 +143,13 @@ MODULES = {
         apart friction further_terms held_out hold laws samples shared_shape temperature_study
     """,
     "robot_energy_identify.results": """
-        check drives dynamics evaluation identification
+        dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
         actuators arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
-        autocorrelation cross_validation held_out_energy lag regression systematic torque_errors
+        cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy_identify.thermal": """
         gear gears_by_meter network windows
@@ -176,30 +173,28 @@ MODULES = {
     "robot_energy_plan.motion": """
         fourier gcode gcode_arcs gcode_flavors gcode_machine gcode_words inverse_kinematics
         joint_trajectory load_motion planar planned ptp ptp_file sampled_motion slicing tool_corners
-        tool_motion tool_timing trajectory_io
+        tool_motion
     """,
     "robot_energy_plan.optimization": """
-        chain comparison deviations forms gcode_form levelling measures program_form rest_states
-        search task time_law timed_moves trajectory_form
+        chain comparison deviations gcode_form measures program_form rest_states search task
+        time_law timed_moves trajectory_form
     """,
     "robot_energy_plan.results": """
         optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats friction_figure headline held_out
-        history_month history_tables html identification identify_all jobs layout model notebook
-        optimization prediction printing recordings repeats replay replay_figures
-    """,
-    "robot_energy_report.layouts": """
-        plots viewers
+        canvas document drives dynamics energy evaluation formats headline held_out
+        history_month history_tables html identification identify_all jobs layout layouts
+        model notebook optimization prediction printing recordings repeats replay
+        replay_figures
     """,
     "robot_energy_report.page": """
-        access alarms answers energy_flow headless_browser history history_figures history_routes
-        history_view hub json_numbers messages metrics recording robot_state saved_page
+        access alarms energy_flow headless_browser history history_figures history_view hub
+        json_numbers messages metrics recording robot_state saved_page
         settings web_app web_server
     """,
     "robot_energy_rig": """
-        config output plant profile record sensors virtual_rig
+        config plant profile record sensors virtual_rig
     """,
     "robot_energy_studies": """
         band_coverage certainty ecbot generated_fleet independent interval_coverage learning_study

@@ -36,7 +36,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.timeline.blocks import NANOSECOND
 from ros2_energy_monitor.diagnostics.topic_publishers import TopicPublishers

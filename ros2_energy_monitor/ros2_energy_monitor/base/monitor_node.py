@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Generic, TypeVar, cast
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import (
     ParameterError,
     RobotDescriptionError,
@@ -31,7 +31,7 @@ from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.stamps import StampOrder
+from robot_energy.timeline.streams import StampOrder
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode

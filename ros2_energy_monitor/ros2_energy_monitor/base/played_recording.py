@@ -17,7 +17,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from enum import Enum, auto
-from operator import methodcaller
 
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.diagnostics.topic_publishers import NOT_YET_KNOWN
@@ -48,25 +47,27 @@ class PlayedRecording:
 
     Attributes:
         players: Full names of the nodes that play, or have played last; empty for a robot.
+        met: Publishers of each inbox as of the last `look`: ever matched, and now.
     """
 
     def __init__(self, inboxes: Sequence[Inbox]) -> None:
         self.players: tuple[str, ...] = ()
-        self._inboxes, self._ended = inboxes, True
-        self._met = [(0, 0)] * len(inboxes)  # publishers ever matched, and now
-        self._most = self._met  # the greatest of each; a subscription that is renewed falls
+        self.inboxes, self._ended = inboxes, True
+        self.met = [(0, 0)] * len(inboxes)
+        self._most = self.met  # the greatest of each; a subscription that is renewed falls
         self._unknown_since: float | None = None
 
-    def look(self) -> Change:
-        """Say what has changed; call it before anything is taken."""
-        met: list[tuple[int, int]] = [*map(methodcaller("met"), self._inboxes)]
-        if met == self._met:
-            return Change.NONE
+    def look(self, met: list[tuple[int, int]]) -> Change:
+        """Say what has changed, before anything is taken.
+
+        Args:
+            met: As the attribute, now; where it is the same, nothing has changed.
+        """
         names = self._names([now for _, now in met])
         if names is None:
             return Change.UNKNOWN
         rises = any(ever > most for (ever, _), (most, _) in zip(met, self._most, strict=True))
-        self._met = met
+        self.met = met
         self._most = [max(pair) for pair in zip(met, self._most, strict=True)]
         players = sorted(name for name in names if name.rsplit("/", 1)[-1] in PLAYERS)
         ended, self._ended = self._ended, not players
@@ -84,7 +85,7 @@ class PlayedRecording:
         """Publishers by name; None while the graph does not name all that are matched."""
         names = set[str]()
         known = True
-        for inbox, number in zip(self._inboxes, numbers, strict=True):
+        for inbox, number in zip(self.inboxes, numbers, strict=True):
             found = inbox.topic_publishers
             found.look(now=True)
             known &= found.names.total() == number and NOT_YET_KNOWN not in found.names

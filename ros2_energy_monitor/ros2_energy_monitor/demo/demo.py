@@ -26,12 +26,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rich.console import Console as Terminal
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import BagError, PageError, RobotEnergyError
+from robot_energy.foundation.errors import BagError, RobotEnergyError
 from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.replay.bag_replay import Replay, replay
-from robot_energy_report.page.headless_browser import find_browser, run_browser
 from robot_energy_report.printing import table
 from ros2_energy_monitor.base.parameters import NO_FOLDER
 from ros2_energy_monitor.base.run_node import StopSignal, ros
@@ -47,7 +46,6 @@ BAGS = {"drawn_test_cold": WARM_DEGC, "drawn_test_warm": COLD_DEGC}  # the fixed
 
 
 def bundled(bags: Path, names: Iterable[str]) -> list[Path]:
-    """Return bags of the repository."""
     paths = [bags / name for name in names]
     for path in paths:
         if not path.exists():
@@ -152,9 +150,8 @@ def _predicted(result: Replay) -> float:
     return result.account.comparison.predicted_energy
 
 
-PAGE, PICTURE = "energy_page.html", "energy_page.png"
+PAGE = "energy_page.html"
 PATIENCE = 30.0  # for the page [s]
-SIZE = "1400,2300"
 
 
 def free_port() -> int:
@@ -173,18 +170,6 @@ def save_page(url: str, folder: Path) -> str:
     except OSError as error:
         return f"the energy page could not be saved ({error})"
     return f"energy page saved to {page}"
-
-
-def draw_page(folder: Path) -> str:
-    """Return a sentence on the picture of the saved page, made where there is a Chromium."""
-    page, picture = folder / PAGE, folder / PICTURE
-    if find_browser() is None:
-        return "no picture of the energy page: there is no Chromium here"
-    try:
-        run_browser(page, f"--window-size={SIZE}", f"--screenshot={picture}")
-    except PageError:
-        return "no picture of the energy page: Chromium made none"
-    return f"picture of the energy page: {picture}"
 
 
 MONITORS = ("torque_monitor", "friction_monitor", "power_monitor")
@@ -243,10 +228,7 @@ def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
             console.close()
             executor.shutdown()
             console.destroy_node()
-        well = _verdict(children, started=end is not None, stopped=stop.received)
-    if (folder / PAGE).exists() and not stop.received:
-        print(draw_page(folder), flush=True)
-    return well
+        return _verdict(children, started=end is not None, stopped=stop.received)
 
 
 def _verdict(children: NodeProcesses, *, started: bool, stopped: bool) -> bool:

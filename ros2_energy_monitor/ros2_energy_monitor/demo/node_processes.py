@@ -31,7 +31,6 @@ class NodeProcesses(AbstractContextManager["NodeProcesses"]):
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, **parameters: object) -> None:
-        """Start a node."""
         self._folder.mkdir(parents=True, exist_ok=True)
         words = [f"{key}:={value}" for key, value in parameters.items()]
         options = ["--ros-args", *(word for pair in words for word in ("-p", pair))]
@@ -46,7 +45,6 @@ class NodeProcesses(AbstractContextManager["NodeProcesses"]):
             )
 
     def log(self, name: str) -> Path:
-        """Return the file with a node's output."""
         return self._folder / f"{name}.log"
 
     def ended(self) -> list[str]:

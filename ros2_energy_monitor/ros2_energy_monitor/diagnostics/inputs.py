@@ -88,26 +88,20 @@ class InputWatch:
             )
 
     def _presence(self, found: StatusBuilder) -> None:
-        inbox = self._inbox
-        if inbox.received and inbox.age > self._timeout():
-            found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
-        elif not inbox.received:
-            publishers = inbox.publishers
-            missing = f"no {self._what} has arrived on {inbox.topic}, which has {counted(inbox)}"
-            if self._needed:
-                found.add(ERROR, missing, "" if publishers else self._remedy)
-            elif publishers:
-                found.notes.append(f"{missing}: {ALONE}")
-            else:
-                self._without(found)
-
-    def _without(self, found: StatusBuilder) -> None:
-        """Say that an input that is not needed has no publisher; in the log, once it is sure."""
-        sentence = f"no publisher on {self._inbox.topic}: {ALONE}"
-        found.notes.append(sentence)
-        self._absent += 1
-        if self._absent >= ABSENT_REPORTS:
-            found.remarks.append(sentence)
+        inbox, alone = self._inbox, f"no publisher on {self._inbox.topic}: {ALONE}"
+        missing = f"no {self._what} has arrived on {inbox.topic}, which has {counted(inbox)}"
+        if inbox.received:
+            if inbox.age > self._timeout():
+                found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
+        elif self._needed:
+            found.add(ERROR, missing, "" if inbox.publishers else self._remedy)
+        elif inbox.publishers:
+            found.notes.append(f"{missing}: {ALONE}")
+        else:  # in the log, once it is sure
+            found.notes.append(alone)
+            self._absent += 1
+            if self._absent >= ABSENT_REPORTS:
+                found.remarks.append(alone)
 
     def _report_publishers(self, found: StatusBuilder, prefix: str, *, changed: bool) -> None:
         """Name the publishers if there are several, and those that nothing arrives from."""

@@ -99,7 +99,10 @@ class ModelCheck:
             self._moving_ns -= less_ns
         full = self._samples > 0.9 * MAX_SAMPLES and 2 * self._moving_ns > self._needed_ns
         if full or self._moving_ns >= self._needed_ns:
-            self._begin()
+            outputs = [output for output, _, _ in self._kept]
+            self._kept.clear()
+            self._thread = ThreadPoolExecutor(1, thread_name_prefix="model_check")
+            self._work = self._thread.submit(self._run, outputs, self._settings())
 
     def _motion_of(self, torque: TorqueBlock) -> int:
         """Time in which some joint moved. [ns]"""
@@ -107,12 +110,6 @@ class ModelCheck:
         self._last_ns = int(torque.stamp_ns[-1])
         moving = (np.abs(torque.joint_velocity) > self._standstill).any(axis=1)
         return int(step[moving & (step > 0) & (step < 1 / NANOSECOND)].sum())
-
-    def _begin(self) -> None:
-        outputs = [output for output, _, _ in self._kept]
-        self._kept.clear()
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="model_check")
-        self._work = self._thread.submit(self._run, outputs, self._settings())
 
     def _run(self, outputs: list[Output], settings: dict[str, Any]) -> Answer:
         """Have a process make the checks; runs in a thread that waits for it."""
@@ -123,7 +120,14 @@ class ModelCheck:
         )
         if self._closed:
             self._process.kill()
-        answer, _ = self._process.communicate(pickle.dumps(_blocks(outputs) | settings))
+        power = [one.power for one in outputs if one.power is not None]
+        meter = [one.meter for one in outputs if one.meter is not None]
+        blocks = {
+            "torque": TorqueBlock.concatenate([o.torque for o in outputs if o.torque is not None]),
+            "power": PowerBlock.concatenate(power) if power else None,
+            "meter": MeterBlock.concatenate(meter) if meter else None,
+        }
+        answer, _ = self._process.communicate(pickle.dumps(blocks | settings))
         return json.loads(answer)
 
     def _settings(self) -> dict[str, Any]:
@@ -146,7 +150,6 @@ class ModelCheck:
         }
 
     def close(self) -> None:
-        """Give up what runs."""
         self._closed = True
         self._kept.clear()
         if self._process is not None and self._process.poll() is None:
@@ -190,14 +193,3 @@ class ModelCheck:
         checked = ", ".join(answer["checked"]) or "nothing"
         found.notes.append(f"no mistake found; checked: {checked}")
         found.remarks += [f"{name} not checked: {why}" for name, why in answer["skipped"].items()]
-
-
-def _blocks(outputs: list[Output]) -> dict[str, Any]:
-    torque = [one.torque for one in outputs if one.torque is not None]
-    power = [one.power for one in outputs if one.power is not None]
-    meter = [one.meter for one in outputs if one.meter is not None]
-    return {
-        "torque": TorqueBlock.concatenate(torque),
-        "power": PowerBlock.concatenate(power) if power else None,
-        "meter": MeterBlock.concatenate(meter) if meter else None,
-    }

@@ -44,7 +44,6 @@ class NodeWatch:
     def check(
         self, inputs: Iterable[tuple[Inbox, RejectionLog]], warnings: Iterable[str] = ()
     ) -> StatusBuilder:
-        """Return the status of the node."""
         found = StatusBuilder("node")
         number, label = self._node._state_machine.current_state
         pace = self._tick_statistics.take()

@@ -67,7 +67,6 @@ class StatusBuilder:
 
     @property
     def level(self) -> bytes:
-        """The worst level found."""
         return max((level for level, _ in self._found), key=SEVERITY.__getitem__, default=OK)
 
     @property
@@ -78,7 +77,6 @@ class StatusBuilder:
         return "; ".join(wrong or self.notes) or ALL_IS_WELL
 
     def __len__(self) -> int:
-        """Return how many things are wrong."""
         return len(self._found)
 
 

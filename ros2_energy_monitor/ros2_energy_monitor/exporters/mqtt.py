@@ -164,12 +164,15 @@ class MqttExporter(Exporter):
             if message is None or message is last or now - sent < self._given.period:
                 continue
             self._sent[topic] = (message, now)
-            if topic is Topic.POWER and self._given.discovery:
+            if topic is Topic.POWER:
                 self._announce_parts(message)
             text = json.dumps(exported(message, topic), allow_nan=False)
             self._send(f"{self._base}/{topic.value}", text, retain=topic is Topic.REGISTERS)
         current = any(newest.is_current(topic, now) for topic in Topic)
-        self._tell(ONLINE if current else OFFLINE)
+        status = ONLINE if current else OFFLINE
+        if status != self._status:
+            self._status = status
+            self._send(f"{self._base}/status", status, retain=True)
 
     def stop(self) -> None:
         """Say offline, as a clean end sends no last will, and disconnect."""
@@ -183,7 +186,6 @@ class MqttExporter(Exporter):
         self._client.loop_stop()
 
     def check(self, found: StatusBuilder) -> None:
-        """Add connection and counts."""
         connected = self._connected.is_set()
         found.values |= {
             "connected": int(connected),
@@ -195,11 +197,6 @@ class MqttExporter(Exporter):
             where = f"{self._given.host}:{self._given.port}"
             why = self._failure or "no answer yet"
             found.add(ERROR, f"no connection to the MQTT broker at {where}: {why}")
-
-    def _tell(self, status: str) -> None:
-        if status != self._status:
-            self._status = status
-            self._send(f"{self._base}/status", status, retain=True)
 
     def _send(self, topic: str, text: str, retain: bool) -> bool:
         """Send a message, unless too many wait; one that is to be retained goes out later."""
@@ -239,12 +236,10 @@ class MqttExporter(Exporter):
     def _announce(self) -> None:
         """Send the discovery messages; once more after each connection, as a broker may forget."""
         self._announced, self._parts = True, ((), ())
-        if self._given.discovery:
-            for value in VALUES:
-                total = "total_increasing" if value.rises else "total"
-                kind = total if value.topic is Topic.REGISTERS else "measurement"
-                sensor = self._sensor(value.title, value.name, value.unit, kind, value.topic)
-                self._discover(value.name, sensor)
+        for value in VALUES:
+            total = "total_increasing" if value.rises else "total"
+            kind = total if value.topic is Topic.REGISTERS else "measurement"
+            self._discover(value.name, value.title, value.name, value.unit, kind, value.topic)
 
     def _announce_parts(self, message: Any) -> None:
         names = tuple(joint.name for joint in message.joints[:MAX_JOINTS])
@@ -252,55 +247,43 @@ class MqttExporter(Exporter):
         if (names, loads) == self._parts:
             return
         self._parts = names, loads
-        for name in loads:
-            self._announce_load(re.sub(r"[^A-Za-z0-9_-]", "_", name), name)
-        for name in names:
+        temperature = "motor_temperature_degc"
+        every = [
+            *((one, "auxiliary", "Power of", "power", "W", "measurement") for one in loads),
+            *((one, "auxiliary", "Energy of", "energy_kwh", "kWh", "total") for one in loads),
+            *((n, "joints", "Motor temperature", temperature, "°C", "measurement") for n in names),
+        ]
+        for name, parts, title, key, unit, kind in every:
             known = re.sub(r"[^A-Za-z0-9_-]", "_", name)
-            place = _of_part("joints", name, "motor_temperature_degc")
-            title = f"Motor temperature {name}"
-            sensor = self._sensor(title, place, "°C", "measurement", Topic.POWER)
-            self._discover(f"motor_temperature_{known}", sensor)
+            of_joint = parts == "joints"
+            identity = f"motor_temperature_{known}" if of_joint else f"auxiliary_{known}_{key}"
+            topic = Topic.REGISTERS if unit == "kWh" else Topic.POWER
+            place = _of_part(parts, name, key)
+            self._discover(identity, f"{title} {name}", place, unit, kind, topic)
 
-    def _announce_load(self, known: str, name: str) -> None:
-        for title, topic, key, unit, kind in (
-            ("Power", Topic.POWER, "power", "W", "measurement"),
-            ("Energy", Topic.REGISTERS, "energy_kwh", "kWh", "total"),
-        ):
-            title = f"{title} of {name}"
-            sensor = self._sensor(title, _of_part("auxiliary", name, key), unit, kind, topic)
-            self._discover(f"auxiliary_{known}_{key}", sensor)
-
-    def _sensor(self, title: str, place: str, unit: str, kind: str, topic: Topic) -> dict[str, Any]:
-        return {
+    def _discover(
+        self, name: str, title: str, place: str, unit: str, kind: str, topic: Topic
+    ) -> None:
+        if not self._given.discovery:
+            return
+        node = f"robot_energy_{self._robot}"
+        config = {
             "name": title,
             "value_template": f"{{{{ value_json.{place} }}}}",
             "unit_of_measurement": unit,
             "device_class": DEVICE_CLASS[unit],
             "state_class": kind,
-            **self._of(topic),
-        }
-
-    def _of(self, topic: Topic) -> dict[str, Any]:
-        """What all sensors of a topic have; a power expires with its message."""
-        found: dict[str, Any] = {
             "state_topic": f"{self._base}/{topic.value}",
             "availability_topic": f"{self._base}/status",
-        }
-        if topic is Topic.POWER:
-            found["expire_after"] = max(3, round(3 * self._given.period))
-        return found
-
-    def _discover(self, name: str, sensor: dict[str, Any]) -> None:
-        node = f"robot_energy_{self._robot}"
-        config = {
-            **sensor,
             "unique_id": f"{node}_{name}",
             "qos": QOS,
             "device": {"identifiers": [node], "name": f"Robot {self._robot}"},
             "origin": {"name": "robot-energy", "sw_version": __version__},
         }
-        topic = f"{self._given.discovery}/sensor/{node}/{name}/config"
-        self._send(topic, json.dumps(config), retain=True)
+        if topic is Topic.POWER:  # it expires with its message
+            config["expire_after"] = max(3, round(3 * self._given.period))
+        sensor = f"{self._given.discovery}/sensor/{node}/{name}"
+        self._send(f"{sensor}/config", json.dumps(config), retain=True)
 
 
 def _of_part(parts: str, name: str, key: str) -> str:

@@ -173,7 +173,6 @@ class OpcUaExporter(Exporter):
         self._thread = threading.Thread(target=self._run, name="opcua", daemon=True)
 
     def start(self) -> None:
-        """Begin to serve."""
         self._thread.start()
 
     def publish(self, newest: Newest, now: float) -> None:
@@ -195,7 +194,6 @@ class OpcUaExporter(Exporter):
         asyncio.run_coroutine_threadsafe(self._write(values), loop)
 
     def stop(self) -> None:
-        """End the server."""
         loop, stop = self._loop, self._stop
         if loop is not None and stop is not None and not self._ended.is_set():
             loop.call_soon_threadsafe(stop.set)
@@ -203,7 +201,6 @@ class OpcUaExporter(Exporter):
             self._thread.join(ENDED)
 
     def check(self, found: StatusBuilder) -> None:
-        """Add whether it serves and how often it was updated."""
         found.values |= {"serving": int(self._ready.is_set()), "updates": self._updates}
         if self._failure:
             found.add(ERROR, f"the OPC UA server does not run: {self._failure}")
@@ -334,7 +331,6 @@ class _ReadOnlyUsers:
     def get_user(
         self, iserver: Any, username: Any = None, password: Any = None, certificate: Any = None
     ) -> Any:
-        """Return the user; None refuses."""
         if self._secret is None:
             return self._user()
         pairs = ((username, self._secret.username), (password, self._secret.password))

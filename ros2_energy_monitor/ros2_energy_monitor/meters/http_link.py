@@ -43,11 +43,18 @@ from ros2_energy_monitor.meters.reading import Exchange
 PIECE = 4096  # bytes taken at once
 
 
-class _Received(io.RawIOBase):
-    """What a socket receives, within a bound."""
+class _BoundedSocket(io.RawIOBase):
+    """What `http.client` uses of a socket, within a bound."""
 
     def __init__(self, connection: socket.socket, bound: AnswerBound) -> None:
         self._connection, self._bound = connection, bound
+
+    def sendall(self, data: bytes) -> None:
+        self._connection.settimeout(self._bound.left)
+        self._connection.sendall(data)
+
+    def makefile(self, *_: Any) -> io.BufferedReader:
+        return io.BufferedReader(self, PIECE)
 
     def readable(self) -> bool:
         return True
@@ -60,20 +67,6 @@ class _Received(io.RawIOBase):
             raise self._bound.over() from None
         self._bound.take(count)
         return count
-
-
-class _BoundedSocket:
-    """What `http.client` uses of a socket."""
-
-    def __init__(self, connection: socket.socket, bound: AnswerBound) -> None:
-        self._connection, self._bound = connection, bound
-
-    def sendall(self, data: bytes) -> None:
-        self._connection.settimeout(self._bound.left)
-        self._connection.sendall(data)
-
-    def makefile(self, *_: Any) -> io.BufferedReader:
-        return io.BufferedReader(_Received(self._connection, self._bound), PIECE)
 
     def close(self) -> None:
         """Do nothing: `http.client` closes before it has read the answer."""
@@ -93,7 +86,7 @@ class BoundedTransport:
     def __init__(self, requests: Any, endpoint: Endpoint, bound: AnswerBound) -> None:
         self._requests, self._endpoint, self._bound = requests, endpoint, bound
         self._context = endpoint.tls_context()
-        self._kept: tuple[http.client.HTTPConnection, _BoundedSocket] | None = None
+        self._kept: _BoundedSocket | None = None
 
     def send(self, request: Any, **options: Any) -> Any:
         """Return the whole answer to a prepared request.
@@ -105,10 +98,10 @@ class BoundedTransport:
             OSError: If no answer comes within the bound.
             HTTPException: If it is no HTTP.
         """
-        if self._kept is None or not self._kept[1].is_idle:
+        if self._kept is None or not self._kept.is_idle:
             self._connect()
-        assert self._kept is not None
-        connection = self._kept[0]
+        connection = http.client.HTTPConnection(self._endpoint.host, self._endpoint.port)
+        connection.auto_open, connection.sock = 0, self._kept
         try:
             connection.request(request.method, request.path_url, headers=dict(request.headers))
             found = connection.getresponse()
@@ -128,10 +121,8 @@ class BoundedTransport:
         return answer
 
     def close(self) -> None:
-        """Disconnect."""
         if self._kept is not None:
-            self._kept[0].close()
-            self._kept[1].end()
+            self._kept.end()
             self._kept = None
 
     def _connect(self) -> None:
@@ -145,11 +136,7 @@ class BoundedTransport:
         except BaseException:
             plain.close()
             raise
-        connection = http.client.HTTPConnection(host, port)
-        connection.auto_open = 0
-        bounded = _BoundedSocket(plain, self._bound)
-        connection.sock = bounded
-        self._kept = connection, bounded
+        self._kept = _BoundedSocket(plain, self._bound)
 
 
 OK = 200
@@ -204,13 +191,11 @@ class HttpLink(MeterLink):
         self._session = session
 
     def close(self) -> None:
-        """Disconnect."""
         if self._session is not None:
             self._session.close()
             self._session = None
 
     def read(self) -> Sequence[Exchange]:
-        """Ask once for energy and power."""
         requested = time.monotonic()
         self._bound.begin()
         text = self._text()

@@ -184,7 +184,6 @@ class AnswerBound:
         self.begin()
 
     def begin(self) -> None:
-        """Begin a reading."""
         self._end, self._left = time.monotonic() + self._timeout, MAX_ANSWER
 
     @property
@@ -196,7 +195,6 @@ class AnswerBound:
         return left
 
     def take(self, count: int) -> None:
-        """Count bytes that came."""
         self._left -= count
         if self._left < 0:
             raise self.over()

@@ -105,11 +105,10 @@ class ModbusProfile(MeterProfile[ModbusNumber]):
 
 
 def length(kind: NumberType) -> int:
-    """Return how many registers a type takes."""
     return int(kind[-2:]) // 16
 
 
-class Registers:
+class RegisterLink(MeterLink):
     """Reads ``holding`` or ``input`` registers over one TCP connection."""
 
     def __init__(self, endpoint: Endpoint, unit: int, table: str) -> None:
@@ -129,7 +128,6 @@ class Registers:
         return f"the Modbus meter at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect."""
         self.close()
         client = self._client_module.ModbusTcpClient(
             self._endpoint.host,
@@ -154,13 +152,11 @@ class Registers:
         self._client = client
 
     def close(self) -> None:
-        """Disconnect."""
         if self._client is not None:
             self._client.close()
             self._client = None
 
-    def read(self, address: int, count: int) -> list[int]:
-        """Return registers."""
+    def registers(self, address: int, count: int) -> list[int]:
         if self._client is None:
             raise MeterLinkError(f"{self.where} is not connected", "connect first")
         if address + count > REGISTERS:
@@ -209,33 +205,21 @@ class Registers:
                 f"{self.where} sent no Modbus for register {address}", "an answer"
             ) from error
 
-    def number(self, registers: Sequence[int], kind: str, word_order: WordOrder) -> float:
-        """Return the number in registers."""
-        client = self._client_module.ModbusTcpClient
-        return client.convert_from_registers(
-            list(registers), client.DATATYPE[kind.upper()], word_order
-        )
 
-
-class ModbusLink(MeterLink):
+class ModbusLink(RegisterLink):
     """Reads the registers that a profile lists, each quantity in requests of its own."""
 
     def __init__(self, profile: ModbusProfile, endpoint: Endpoint) -> None:
         self._profile = profile
-        self._registers = Registers(endpoint, profile.unit, profile.table)
-
-    def connect(self) -> None:
-        """Connect to the meter."""
-        self._registers.connect()
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._registers.close()
+        super().__init__(endpoint, profile.unit, profile.table)
 
     def read(self) -> Sequence[Exchange]:
         """Read flags, energy and power in this order."""
-        self._registers.bound.begin()
-        valid = all(self._is_good(flag) for flag in self._profile.flags)
+        self.bound.begin()
+        valid = all(
+            int(self._raw(flag.address, flag.type)) & flag.mask == flag.good
+            for flag in self._profile.flags
+        )
         quantities = self._profile.quantities.items()
         return [self._exchange(what, numbers, valid) for what, numbers in quantities]
 
@@ -255,8 +239,7 @@ class ModbusLink(MeterLink):
         return Exchange(quantity, terms, requested, answered)
 
     def _raw(self, address: int, kind: NumberType) -> float:
-        registers = self._registers.read(address, length(kind))
-        return self._registers.number(registers, kind, self._profile.word_order)
-
-    def _is_good(self, flag: ModbusFlag) -> bool:
-        return int(self._raw(flag.address, flag.type)) & flag.mask == flag.good
+        client = self._client_module.ModbusTcpClient
+        registers = self.registers(address, length(kind))
+        of_kind = client.DATATYPE[kind.upper()]
+        return client.convert_from_registers(registers, of_kind, self._profile.word_order)

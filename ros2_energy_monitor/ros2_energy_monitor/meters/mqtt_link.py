@@ -96,7 +96,6 @@ class MqttLink(MeterLink):
         return f"the MQTT broker at {self._endpoint.host}:{self._endpoint.port}"
 
     def connect(self) -> None:
-        """Connect to the broker and subscribe."""
         self.close()
         self._settled.clear()
         self._failure = ""
@@ -135,7 +134,6 @@ class MqttLink(MeterLink):
             )
 
     def close(self) -> None:
-        """Disconnect."""
         client, self._client = self._client, None
         if client is not None:
             client.disconnect()

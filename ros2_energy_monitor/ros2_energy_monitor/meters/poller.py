@@ -82,7 +82,6 @@ class Poller:
         self._thread = threading.Thread(target=self._run, name="meter", daemon=True)
 
     def start(self) -> None:
-        """Begin to poll."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -92,7 +91,6 @@ class Poller:
             self._thread.join(JOINED)
 
     def take(self) -> list[NetworkReading]:
-        """Return the readings that have come, in order."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def _run(self) -> None:
@@ -115,7 +113,6 @@ class Poller:
         return due
 
     def _step(self) -> None:
-        """Connect if needed and read once."""
         state = self.state
         try:
             if not state.connected:
@@ -124,15 +121,18 @@ class Poller:
                 state.connections += 1
                 self.readings.reconnected()
             exchanges = self._link.read()
-        except MeterLinkError as error:
-            self._lose(error)
-            return
         except MeterAnswerError as error:
-            self._refuse(error)
+            self._note(error)
+            state.refusals += 1
+            if state.refusals % MAX_REFUSALS == 0:
+                self._disconnect()
             return
-        except Exception as error:  # the guard counts it
-            self._lose(error)
-            raise
+        except Exception as error:
+            self._note(error)
+            self._disconnect()
+            if not isinstance(error, MeterLinkError):
+                raise  # the guard counts it
+            return
         if exchanges:
             state.failures = state.refusals = 0
         for exchange in exchanges:
@@ -141,10 +141,6 @@ class Poller:
                 state.dropped += len(self._waiting) == MAX_WAITING
                 self._waiting.append(reading)
 
-    def _lose(self, error: Exception) -> None:
-        self._note(error)
-        self._disconnect()
-
     def _disconnect(self) -> None:
         """Close the link; the pause before the next attempt doubles from loss to loss."""
         state = self.state
@@ -152,13 +148,6 @@ class Poller:
         self._link.close()
         state.backoff = min(MIN_BACKOFF * 2.0 ** min(state.failures, 30), self._max_backoff)
         state.failures += 1
-
-    def _refuse(self, error: MeterAnswerError) -> None:
-        state = self.state
-        self._note(error)
-        state.refusals += 1
-        if state.refusals % MAX_REFUSALS == 0:
-            self._disconnect()
 
     def _note(self, error: Exception) -> None:
         self.state.errors[type(error).__name__] += 1

@@ -133,5 +133,4 @@ class MeterProfile(ProfileEntry, Generic[N]):
 
     @property
     def counts_energy(self) -> bool:
-        """Whether the meter counts energy."""
         return self.DESCRIBES_ITSELF or bool(self.energy)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from enum import Enum
 from typing import Annotated
 
@@ -144,27 +143,22 @@ class ReadingFilter:
         self.round_trip = exchange.answered - exchange.requested
         at = (exchange.requested + exchange.answered) / 2
         values = [term.value for term in exchange.terms]
-        reason = self._reason(exchange.quantity, values)
+        power = exchange.quantity is Quantity.POWER
+        reason = ""
+        if not all(map(math.isfinite, values)):
+            reason = "not_finite"
+        elif power and abs(sum(values)) > self._max_power:
+            reason = "too_high"
+        elif self.round_trip > self._max_round_trip:
+            reason = "slow"
+        elif not power:
+            while len(self._counters) < len(values):
+                self._counters.append(CounterWrap(self._max_power))
+            pairs = zip(self._counters, exchange.terms, strict=False)
+            values = [counter.step(term, at) for counter, term in pairs]
+            reason = "" if all(map(math.isfinite, values)) else "scale_changed"
         if reason:
             self.rejected[reason] += 1
             return None
-        if exchange.quantity is Quantity.ENERGY:
-            values = self._continued(exchange.terms, at)
-            if not all(map(math.isfinite, values)):
-                self.rejected["scale_changed"] += 1
-                return None
         self.accepted += 1
         return NetworkReading(exchange.quantity, sum(values), at)
-
-    def _reason(self, quantity: Quantity, values: Sequence[float]) -> str:
-        if not all(map(math.isfinite, values)):
-            return "not_finite"
-        if quantity is Quantity.POWER and abs(sum(values)) > self._max_power:
-            return "too_high"
-        return "slow" if self.round_trip > self._max_round_trip else ""
-
-    def _continued(self, terms: Sequence[MeterTerm], at: float) -> list[float]:
-        while len(self._counters) < len(terms):
-            self._counters.append(CounterWrap(self._max_power))
-        pairs = zip(self._counters, terms, strict=False)
-        return [counter.step(term, at) for counter, term in pairs]

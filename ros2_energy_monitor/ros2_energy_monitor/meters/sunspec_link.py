@@ -29,8 +29,8 @@ from pydantic import Field
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MeterAnswerError
 from robot_energy.foundation.units import ENERGY_UNITS
-from ros2_energy_monitor.meters.link import Endpoint, MeterLink
-from ros2_energy_monitor.meters.modbus_link import REGISTERS, Address, Registers
+from ros2_energy_monitor.meters.link import Endpoint
+from ros2_energy_monitor.meters.modbus_link import REGISTERS, Address, RegisterLink
 from ros2_energy_monitor.meters.profile import MeterProfile, NumberEntry
 from ros2_energy_monitor.meters.reading import Exchange, MeterTerm, Quantity
 
@@ -76,31 +76,26 @@ class SunSpecProfile(MeterProfile[NumberEntry]):
     DESCRIBES_ITSELF: ClassVar[bool] = True
 
 
-class SunSpecLink(MeterLink):
+class SunSpecLink(RegisterLink):
     """Finds the meter among the models of a device and reads it, a whole model at once."""
 
     def __init__(self, profile: SunSpecProfile, endpoint: Endpoint) -> None:
         self._profile = profile
-        self._registers = Registers(endpoint, profile.unit, "holding")
+        super().__init__(endpoint, profile.unit, "holding")
         self._found: tuple[int, _Layout] | None = None  # first register behind the header
 
     def connect(self) -> None:
         """Connect; the models are looked up again with the first reading."""
         self._found = None
-        self._registers.connect()
-
-    def close(self) -> None:
-        """Disconnect."""
-        self._registers.close()
+        super().connect()
 
     def read(self) -> Sequence[Exchange]:
-        """Read energy and power of the meter in one request."""
-        self._registers.bound.begin()
+        self.bound.begin()
         if self._found is None:
             self._found = self._meter(self._base())
         address, layout = self._found
         requested = time.monotonic()
-        data = self._registers.read(address, layout.length)
+        data = self.registers(address, layout.length)
         answered = time.monotonic()
         energy, power = terms(data, layout)
         return [
@@ -112,13 +107,13 @@ class SunSpecLink(MeterLink):
         """Address of the first header."""
         for base in self._profile.bases:
             try:
-                mark = tuple(self._registers.read(base, 2))
+                mark = tuple(self.registers(base, 2))
             except MeterAnswerError:  # no such register: the next address
                 continue
             if mark == MARK:
                 return base + 2
         raise MeterAnswerError(
-            f"{self._registers.where} has no SunSpec mark",
+            f"{self.where} has no SunSpec mark",
             f"'SunS' at one of {', '.join(map(str, self._profile.bases))}",
             "switch SunSpec on, or name the address in a profile of yours",
         )
@@ -128,7 +123,7 @@ class SunSpecLink(MeterLink):
         seen: list[int] = []
         meters = 0
         while len(seen) < MAX_MODELS and address + 2 <= REGISTERS:
-            number, length = self._registers.read(address, 2)
+            number, length = self.registers(address, 2)
             if number == END:
                 break
             seen.append(number)
@@ -139,7 +134,7 @@ class SunSpecLink(MeterLink):
                     return address + 2, layout
             address += 2 + length
         raise MeterAnswerError(
-            f"{self._registers.where} has the SunSpec models {', '.join(map(str, seen)) or 'none'}",
+            f"{self.where} has the SunSpec models {', '.join(map(str, seen)) or 'none'}",
             f"meter number {self._profile.instance}: 201 to 204 or 211 to 214",
         )
 

@@ -46,43 +46,35 @@ class EnergyExporter(Node):
             if not self.parameters.exporters:
                 raise ParameterError("exporters is empty", EXPORTERS.expected)
             for name in self.parameters.exporters:
-                self._add(name)
+                kind = EXPORTERS[name]
+                made = kind.make(getattr(self.parameters, name), self.parameters.robot_name)
+                made.start()
+                self.exporters[name] = made
+                self.get_logger().info(f"exporting over {kind.label}")
         except Exception:
             self.destroy_node()
             raise
         self.newest = Newest(self.parameters.stale_after)
-        self.create_subscription(
-            PowerState, POWER_TOPIC, partial(self._take, Topic.POWER), best_effort(10)
-        )
-        self.create_subscription(
-            EnergyRegisters,
-            REGISTERS_TOPIC,
-            partial(self._take, Topic.REGISTERS),
-            best_effort(10),
-        )
+        for kind, topic, what in (
+            (PowerState, POWER_TOPIC, Topic.POWER),
+            (EnergyRegisters, REGISTERS_TOPIC, Topic.REGISTERS),
+        ):
+            self.create_subscription(kind, topic, partial(self._take, what), best_effort(10))
         self._reporter = Reporter(self)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TICK_PERIOD, self.tick, clock=steady)
         self.create_timer(REPORT_PERIOD, self.report, clock=steady)
-
-    def _add(self, name: str) -> None:
-        made = EXPORTERS[name].make(getattr(self.parameters, name), self.parameters.robot_name)
-        made.start()
-        self.exporters[name] = made
-        self.get_logger().info(f"exporting over {EXPORTERS[name].label}")
 
     def _take(self, topic: Topic, message: Any) -> None:
         if message.header.frame_id != RECORDING:
             self.newest.take(topic, message, time.monotonic())
 
     def tick(self) -> None:
-        """Hand out what is new."""
         now = time.monotonic()
         for name, exporter in self.exporters.items():
             self.guard.run(name, partial(exporter.publish, self.newest, now))
 
     def report(self) -> None:
-        """Publish diagnostics."""
         node = StatusBuilder("node")
         self.guard.check(node)
         now = time.monotonic()
@@ -95,7 +87,6 @@ class EnergyExporter(Node):
         self._reporter.publish(statuses, "")
 
     def destroy_node(self) -> None:
-        """Stop the exporters and destroy the node."""
         for exporter in self.exporters.values():
             self.guard.run("stop", exporter.stop)
         super().destroy_node()

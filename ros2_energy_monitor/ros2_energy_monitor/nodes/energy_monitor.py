@@ -18,6 +18,7 @@ from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import EnergyPipeline, Output
 from robot_energy.timeline.blocks import EffortMeaning
 from ros2_energy_monitor.base.account_node import AccountNode
+from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import (
     joint_state_inboxes,
     temperature_inboxes,
@@ -141,7 +142,8 @@ class EnergyMonitor(AccountNode[EnergyParameters]):
 
     def take(self) -> None:
         """Take what has arrived, unless it is still unknown whether a recording is played."""
-        change = self._played.look()
+        met = [*map(Inbox.met, self._played.inboxes)]
+        change = Change.NONE if met == self._played.met else self._played.look(met)
         if change is Change.UNKNOWN:
             return
         if change is Change.RECORDING:

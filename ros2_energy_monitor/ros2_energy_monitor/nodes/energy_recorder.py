@@ -37,8 +37,13 @@ from ros2_energy_monitor.diagnostics.reporter import (
     Reporter,
     StatusBuilder,
 )
-from ros2_energy_monitor.recorder.alarm_watch import StatusHead, first_name, status_heads
-from ros2_energy_monitor.recorder.recorded_robot import SILENCE, RecordedRobot
+from ros2_energy_monitor.recorder.recorded_robot import (
+    SILENCE,
+    RecordedRobot,
+    StatusHead,
+    first_name,
+    status_heads,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,7 +168,6 @@ class EnergyRecorder(ManagedNode):
         self._robots.clear()
 
     def take(self) -> None:
-        """Take what has arrived."""
         for robot in self._robots.values():
             try:
                 robot.take()
@@ -249,7 +253,6 @@ class EnergyRecorder(ManagedNode):
             self._said = store.trouble
 
     def report(self) -> None:
-        """Publish diagnostics."""
         node = StatusBuilder("node")
         self.guard.check(node)
         self._reporter.publish([node, self._findings()], "")

@@ -65,7 +65,6 @@ class MeterDriverSource:
         self._refused = 0
 
     def __call__(self) -> StatusBuilder:
-        """Return the status of now."""
         state, readings = self._poller.state, self._poller.readings
         found = StatusBuilder("meter")
         now = time.monotonic()
@@ -178,13 +177,11 @@ class MeterDriver(Node):
             )
 
     def report(self) -> None:
-        """Publish diagnostics."""
         node = StatusBuilder("node")
         self.guard.check(node)
         self._reporter.publish([node, self._source()], self.profile.label)
 
     def destroy_node(self) -> None:
-        """Stop to poll and destroy the node."""
         if hasattr(self, "poller"):
             self.poller.stop()
         super().destroy_node()

@@ -33,7 +33,6 @@ from rclpy.utilities import remove_ros_args
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from robot_energy.bag import BagReader
-from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.types import differs
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.reader import TimeRange
@@ -178,24 +177,19 @@ class Player:
     def _messages(self) -> Iterator[tuple[int, str, bytes]]:
         """All messages in the order in which they are due; the bag is never held whole."""
         early = round(min(LEAD * self._rate, MAX_LEAD) * SECOND_NS)
-        streams = []
-        for topic in self._publishers:
+
+        def stream(topic: str) -> Iterator[tuple[int, str, bytes]]:
             lead = 0 if self._bag.topics[topic].msgtype == JOINT_STATE else early
-            streams.append(_stream(self._bag, topic, lead, self._span))
-        yield from heapq.merge(*streams, key=lambda entry: entry[0])
+            for part in self._bag.parts([topic], {topic: self._span} if self._span else None):
+                batch = part[topic]
+                for index, logged in enumerate(batch.log_time_ns.tolist()):
+                    yield logged - lead, topic, batch.row(index)
+
+        yield from heapq.merge(*map(stream, self._publishers), key=lambda entry: entry[0])
 
 
 def _full(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
-
-
-def _stream(
-    bag: BagReader, topic: str, lead_ns: int, span: LogTimes | None
-) -> Iterator[tuple[int, str, bytes]]:
-    for part in bag.parts([topic], {topic: span} if span else None):
-        batch: RawBatch = part[topic]
-        for index, logged in enumerate(batch.log_time_ns.tolist()):
-            yield logged - lead_ns, topic, batch.row(index)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -21,7 +21,7 @@ from ros2_energy_msgs.msg import JointFriction, JointTorque
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.accounting.meter_response import MeterResponse
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.condition.learner import ConditionLearner
 from robot_energy.messages.friction import FrictionReader
 from robot_energy.messages.torque import TorqueReader
@@ -124,7 +124,8 @@ class PowerMonitor(AccountNode[PowerParameters]):
 
         Torque comes first, though it is used last: what it belongs to is then not newer.
         """
-        if self._played.look() is Change.UNKNOWN:
+        met = [self.torques.met()]
+        if met != self._played.met and self._played.look(met) is Change.UNKNOWN:
             return
         torques = self.drain([self.torques])
         frictions, readings = self.drain([self.frictions]), self.drain(self.readings)

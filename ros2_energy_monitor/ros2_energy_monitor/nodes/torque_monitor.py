@@ -17,6 +17,7 @@ from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.messages.torque import TorqueWriter
 from robot_energy.pipeline import TorqueStage
 from robot_energy.timeline.blocks import EffortMeaning, JointBlock, TorqueBlock
+from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.inputs import joint_state_inboxes
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import TorqueParameters
@@ -67,7 +68,8 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
 
     def take(self) -> None:
         """Drain the joint states and publish the torques that became complete."""
-        change = self._played.look()
+        met = [*map(Inbox.met, self._played.inboxes)]
+        change = Change.NONE if met == self._played.met else self._played.look(met)
         if change is Change.UNKNOWN:
             return
         if change in (Change.RECORDING, Change.ROBOT):

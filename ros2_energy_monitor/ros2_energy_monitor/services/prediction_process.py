@@ -103,9 +103,8 @@ def main() -> None:
 
     import robot_energy_plan.optimization.comparison
     import robot_energy_plan.prediction  # noqa: F401
-    from ros2_energy_monitor.services.compare_trajectories import compared
-    from ros2_energy_monitor.services.predict_trajectory import predicted
     from ros2_energy_monitor.services.raw_service import CMessage
+    from ros2_energy_monitor.services.trajectory_answers import compared, predicted
 
     answers: dict[str, tuple[Any, Callable[..., Answer]]] = {
         "predict_trajectory": (PredictTrajectory, predicted),

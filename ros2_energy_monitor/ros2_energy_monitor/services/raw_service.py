@@ -192,7 +192,6 @@ def _pointer(capsule: Any) -> int:
 
 
 def elements(sequence: Sequence, kind: type[Any]) -> list[Any]:
-    """Return the structs of a sequence."""
     if not sequence.size:
         return []
     return list((layout(kind) * sequence.size).from_address(sequence.data))

@@ -59,13 +59,13 @@ class RegisterServices:
         self._model, self._take = model, take
 
     def open(self) -> None:
-        """Create the services."""
         self._node.create_service(ListIntervals, "~/list_intervals", self._list)
-        for kind, name, answer in (
+        for kind, name, change in (
             (ResetRegisters, "reset_registers", self._reset),
             (OpenInterval, "open_interval", self._open),
             (CloseInterval, "close_interval", self._close),
         ):
+            answer = partial(self._change, change)
             service = self._node.create_service(kind, f"~/{name}", answer)
             # The executor sends what a callback returns through this method. A proxy, as a service
             # that refers to itself would outlive its node until garbage is collected.
@@ -73,41 +73,33 @@ class RegisterServices:
             send = partial(Service.send_response, itself)
             service.send_response = partial(self._send, send, name)
 
-    def _reset(self, request: Any, response: Any) -> Any:
-        def change() -> str:
-            before = self._account.registers.cabinet("grid_import")
-            self._account.reset(request.reason)
-            return f"the registers begin at zero; they had counted {before:.1f} J from the grid"
+    def _reset(self, request: Any, _: Any) -> str:
+        before = self._account.registers.cabinet("grid_import")
+        self._account.reset(request.reason)
+        return f"the registers begin at zero; they had counted {before:.1f} J from the grid"
 
-        return self._change(response, change)
+    def _open(self, request: Any, response: Any) -> str:
+        return self._done(response, self._account.open_interval(request.name), "open")
 
-    def _open(self, request: Any, response: Any) -> Any:
-        def change() -> str:
-            interval = self._account.open_interval(request.name)
-            response.interval = self._message(interval)
-            return f"interval {interval.interval_id} '{interval.name}' is open"
+    def _close(self, request: Any, response: Any) -> str:
+        interval = self._account.close_interval(request.name, request.id)
+        return self._done(response, interval, "closed")
 
-        return self._change(response, change)
-
-    def _close(self, request: Any, response: Any) -> Any:
-        def change() -> str:
-            interval = self._account.close_interval(request.name, request.id)
-            response.interval = self._message(interval)
-            return f"interval {interval.interval_id} '{interval.name}' is closed"
-
-        return self._change(response, change)
+    def _done(self, response: Any, interval: record.EnergyInterval, what: str) -> str:
+        response.interval = self._message(interval)
+        return f"interval {interval.interval_id} '{interval.name}' is {what}"
 
     def _list(self, request: Any, response: Any) -> Any:
         response.energy_start = _time(self._account.start_ns or 0)
         response.intervals = [self._message(one) for one in self._account.list_intervals()]
         return response
 
-    def _change(self, response: Any, change: Callable[[], str]) -> Any:
+    def _change(self, change: Callable[[Any, Any], str], request: Any, response: Any) -> Any:
         """Change the account; `_send` waits for the disk."""
         try:
             self._checkpoints.store.require()
             self._take()
-            response.message = change()
+            response.message = change(request, response)
         except RegisterError as error:
             response.success, response.message = False, str(error)
             self._node.get_logger().warning(f"refused: {error}")
@@ -164,7 +156,6 @@ class PayloadService:
         self._publisher: RowPublisher | None = None
 
     def open(self) -> None:
-        """Create the service and the publisher."""
         self._publisher = RowPublisher(self._node, Payload, "energy/payload", latched(DEPTH))
         self._node.create_service(SetPayload, "~/set_payload", self._answer)
 

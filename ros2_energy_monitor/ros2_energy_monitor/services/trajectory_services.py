@@ -35,8 +35,6 @@ from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.timeline.blocks import Float
 from ros2_energy_monitor.base.guard import Guard
-from ros2_energy_monitor.services.compare_trajectories import MAX_CANDIDATES
-from ros2_energy_monitor.services.predict_trajectory import MAX_SAMPLES
 from ros2_energy_monitor.services.prediction_process import PredictionProcess
 from ros2_energy_monitor.services.raw_service import (
     RawService,
@@ -45,6 +43,7 @@ from ros2_energy_monitor.services.raw_service import (
     points_of,
     time_of,
 )
+from ros2_energy_monitor.services.trajectory_answers import MAX_CANDIDATES, MAX_SAMPLES
 
 LOOK = 0.2  # s between two looks for a request
 CLIENTS = 1.0  # s between two questions whether there is a client
@@ -93,7 +92,6 @@ class PredictionService:
         self._thread = Thread(target=self._serve, name=f"prediction {self.name}", daemon=True)
 
     def open(self) -> None:
-        """Create the service."""
         try:
             self._service = RawService(self._node, self.interface, f"~/{self.name}")
         except (OSError, AttributeError) as error:

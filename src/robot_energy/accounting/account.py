@@ -149,9 +149,14 @@ class EnergyAccount:
             Exception: Whatever a fault of the program raises; nothing of the block, or of its
                 last minute, is counted then, and its time is a gap.
         """
-        cuts = self._minutes(block.stamp_ns) if self.on_reading is not None else []
-        if not cuts:
+        if self.on_reading is None:
             return self._step(block)
+        before = self.registers.time.end_ns
+        first = int(block.stamp_ns[0]) if before is None else before
+        minute = (block.stamp_ns - 1) // MINUTE_NS
+        if not (minute != (first - 1) // MINUTE_NS).any():
+            return self._step(block)
+        cuts = self._minutes(block.stamp_ns, first)
         ended: list[MeanBlock] = []
         done = 0
         for place, minute_ns in (*cuts, (len(block), None)):
@@ -159,14 +164,12 @@ class EnergyAccount:
             done = place
             if means is not None:
                 ended.append(means)
-            if minute_ns is not None and self.on_reading is not None:
+            if minute_ns is not None:
                 self.on_reading(minute_ns)
         return MeanBlock.concatenate(ended) if ended else None
 
-    def _minutes(self, stamp_ns: Int) -> list[tuple[int, int]]:
+    def _minutes(self, stamp_ns: Int, first: int) -> list[tuple[int, int]]:
         """Before which samples a minute of UTC ends, or the stamps jump; and that minute."""
-        before = self.registers.time.end_ns
-        first = int(stamp_ns[0]) if before is None else before
         minute = (np.append(first, stamp_ns) - 1) // MINUTE_NS
         found = np.flatnonzero(minute[1:] != minute[:-1])
         step = np.diff(stamp_ns, prepend=first)[found]
@@ -236,7 +239,7 @@ class EnergyAccount:
             return NO_INTERVALS
         supply: SupplyBlock = block
         if self._unplaced:
-            supply = SupplyBlock.concatenate([*self._unplaced, block.supply])
+            supply = SupplyBlock.concatenate([*self._unplaced, block])
             self._unplaced.clear()
         return self.comparison.predict(supply.stamp_ns, supply.segment, supply.power_at(location))
 

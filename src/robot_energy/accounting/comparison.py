@@ -9,7 +9,7 @@ delay and a low pass shows (`robot_energy.accounting.meter_response`); energies 
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite, nan, sqrt
@@ -25,12 +25,13 @@ from robot_energy.accounting.meter_response import (
     PowerSwing,
     ShownPower,
     StillReadings,
+    starts_of,
 )
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
 from robot_energy.certainty.deviation import Z90
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.units import SECOND_NS
+from robot_energy.foundation.units import NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.physics import kernels
 from robot_energy.timeline.blocks import (
     NANOSECOND,
@@ -46,7 +47,6 @@ from robot_energy.timeline.pieces import (
     NO_PIECES,
     Compared,
     CoveredPieces,
-    NewestMinute,
 )
 
 MAX_PIECES = 1_000_000
@@ -57,6 +57,9 @@ ALONE_NS = 10 * SECOND_NS  # a jump of one side that the other does not follow b
 ALONE_READINGS = 3  # of the meter that must have come meanwhile
 MAX_LATE = 0.02  # of the measured energy that the lag of the meter may make
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
+WINDOW = 60  # of the rolling residual [s]
+MAX_WAITING = 4096  # intervals whose sums are made together
+Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
 class Idle(Described):
@@ -69,6 +72,87 @@ class Idle(Described):
     ahead_ns: Annotated[
         int | None, "Newest reading minus newest predicted stamp; None without a reading. [ns]"
     ]
+
+
+class NewestMinute:
+    """Sums over the newest minute that was compared, and of energy fed back since the start.
+
+    Sums are integers, so that they do not depend on how the input is cut; few intervals wait for
+    others.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: deque[tuple[int, Sums]] = deque()  # as of the last `sums`
+        self._sums: Sums = [0, 0, 0]
+        self._waiting: list[Compared] = []
+        self._rows = 0  # of them
+        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable."""
+        self._waiting.append(compared)
+        self._rows += len(compared)
+        if self._rows >= MAX_WAITING:
+            self._settle()
+
+    @property
+    def sums(self) -> Sums:
+        """Over the newest minute."""
+        self._settle()
+        return self._sums
+
+    @property
+    def returned_share(self) -> float:
+        """Energy fed back over energy drawn, by the meter; 0 where a prediction gives some. [-]"""
+        self._settle()
+        return 0.0 if self._predicted_returned or not self._drawn else self._returned / self._drawn
+
+    @property
+    def time(self) -> float:
+        """Compared time within it. [s]"""
+        return self.sums[0] * NANOSECOND
+
+    @property
+    def residual_share(self) -> float:
+        """Predicted minus measured energy, relative to measured. [-]
+
+        NaN where nothing was compared or measured.
+        """
+        _, measured, predicted = self.sums
+        return (predicted - measured) / abs(measured) if measured else nan
+
+    def _settle(self) -> None:
+        """Count what waits; how it was cut makes no difference."""
+        if not self._rows:
+            return
+        compared = Compared.concatenate(self._waiting)
+        self._waiting.clear()
+        self._rows = 0
+        second = compared.stamp_ns // SECOND_NS
+        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
+        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
+        self._drawn += int(measured[measured > 0].sum())
+        self._returned -= int(measured[measured < 0].sum())
+        self._predicted_returned -= int(predicted[predicted < 0].sum())
+        starts = starts_of(second)
+        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
+        sums = np.add.reduceat(table, starts, axis=0)
+        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
+            self._add(number, row)
+
+    def _add(self, second: int, sums: Sums) -> None:
+        seconds = self.seconds
+        if seconds and second < seconds[-1][0]:
+            seconds.clear()  # the recording loops
+            self._sums = [0, 0, 0]
+        if seconds and second == seconds[-1][0]:
+            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
+        else:
+            seconds.append((second, list(sums)))
+        self._sums = [a + b for a, b in zip(self._sums, sums, strict=True)]
+        while seconds[0][0] <= second - WINDOW:
+            _, old = seconds.popleft()
+            self._sums = [a - b for a, b in zip(self._sums, old, strict=True)]
 
 
 @dataclass
@@ -312,8 +396,8 @@ class Comparison(ExactSum):
             if until > start:
                 result, end_ns = self._integrate(predicted, measured, start, until)
                 epoch.done_ns = until
-                epoch.measured = measured.after(until)
-                epoch.predicted = predicted = predicted.after(until)
+                epoch.measured = _after(measured, until)
+                epoch.predicted = predicted = _after(predicted, until)
         shows = self.meaning is not MeterMeaning.CUMULATIVE
         if self._stated is not None:
             epoch.shown.follow([], [self._stated.time_constant])
@@ -331,10 +415,10 @@ class Comparison(ExactSum):
         if len(predicted):
             oldest = predicted.end_ns[-1] - self.patience_ns
             if predicted.end_ns[0] < oldest:
-                epoch.predicted = predicted = predicted.after(int(oldest) - 1)
-            epoch.shown.forget(int(predicted.stamp_ns[0]))
+                epoch.predicted = predicted = _after(predicted, int(oldest) - 1)
+            epoch.shown.needed_ns = int(predicted.stamp_ns[0])
         elif self._last is not None:  # the meter is ahead: what follows begins at the last sample
-            epoch.shown.forget(self._last[0])
+            epoch.shown.needed_ns = self._last[0]
         return result
 
     def _integrate(
@@ -353,6 +437,11 @@ class Comparison(ExactSum):
             self.still.take(result)
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
+
+
+def _after(pieces: CoveredPieces, time_ns: int) -> CoveredPieces:
+    """The pieces that end after a time."""
+    return pieces[slice(int(np.searchsorted(pieces.end_ns, time_ns, side="right")), None)]
 
 
 def _compiled(

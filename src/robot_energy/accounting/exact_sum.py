@@ -49,11 +49,16 @@ def add_saturating(total: Int, more: Int) -> None:
 
 
 class ExactSum:
-    """Sums of energies, exact in integers, that never pass ``MAX_COUNTER``."""
+    """Sums of energies, exact in integers, that never pass ``MAX_COUNTER``.
+
+    Attributes:
+        nearly_full: Whether a sum is so near its end that energies must be added one by one.
+    """
 
     def __init__(self, size: int) -> None:
         self._microjoule: Int = np.zeros(size, dtype=np.int64)  # replaced, never changed
         self._remainder: Int = np.zeros(size, dtype=np.int64)
+        self.nearly_full = False
         self._waiting: tuple[tuple[int, Float], ...] = ()  # not added yet, by first column
         self._rows = 0  # of them
         self._scratch: Float = np.empty((2, 0))
@@ -70,17 +75,13 @@ class ExactSum:
         self._settle()
         return self._remainder
 
-    @property
-    def nearly_full(self) -> bool:
-        """Whether a sum is so near its end that energies must be added one by one."""
-        return bool((np.abs(self._microjoule) > NEAR_FULL).any())
-
     def mark(self) -> Undo:
         """Return what drops all that is added from now on."""
         return partial(
             vars(self).update,
             _microjoule=self._microjoule,
             _remainder=self._remainder,
+            nearly_full=self.nearly_full,
             _waiting=self._waiting,
             _rows=self._rows,
         )
@@ -170,7 +171,7 @@ class ExactSum:
 
     def reset(self) -> None:
         """Begin at zero; the remainder stays, so that nothing is lost in between."""
-        self._microjoule = np.zeros_like(self.microjoule)
+        self._microjoule, self.nearly_full = np.zeros_like(self.microjoule), False
 
     def _carry(self, microjoule: Int, remainder: Int, full: bool) -> None:
         """Add microjoules, and those that the remainders have grown to.
@@ -188,6 +189,7 @@ class ExactSum:
         else:
             total = self._microjoule + (microjoule + carried)
         self._microjoule, self._remainder = total, remainder & REMAINDER_MASK
+        self.nearly_full = bool((np.abs(total) > NEAR_FULL).any())
 
     @property
     def joule(self) -> Float:

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.units import NANOJOULE_PER_JOULE
+from robot_energy.foundation.units import NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.model import RobotModel
-from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int
-from robot_energy.timeline.pieces import Compared, closed_sums
+from robot_energy.timeline.blocks import NANOSECOND, Block, Float, Int, differences
+from robot_energy.timeline.pieces import Compared
 
 STRETCH_NS = 5_000_000_000  # whose energies show the lag: about a motion
 READING_NS = 100_000_000  # readings of so much time are one, if a meter reads faster
@@ -95,11 +95,13 @@ class ShownPower:
     Attributes:
         waiting: Samples for `follow`: stamps in the order of time [ns], powers [W], and where
             nothing is known between a sample and the one before; shape (N,) each.
+        needed_ns: No interval before it is asked for any more. [ns]
     """
 
     def __init__(self, delay: float = 0.0) -> None:
         self._delay_ns = round(delay / NANOSECOND)
         self.waiting: list[tuple[Int, Float, NDArray[np.bool_]]] = []
+        self.needed_ns = 0
         self._rows: _Followed | None = None
 
     def follow(self, since_ns: list[int], constants: list[float]) -> None:
@@ -121,6 +123,8 @@ class ShownPower:
                 stamp[:1], power[:1], np.zeros(1), constant[:1], np.zeros(1), stamp[:1], power[:1]
             )
         else:
+            needed = np.searchsorted(before.stamp_ns, self.needed_ns - self._delay_ns, side="left")
+            before = before[slice(max(int(needed) - 1, 0), None)]
             last = before[slice(-1, None)]
         step_ns = np.diff(np.concatenate([last.stamp_ns, stamp]))
         low = np.concatenate([last.power, power[:-1]])
@@ -171,12 +175,6 @@ class ShownPower:
         shown = _energy_at(rows, high, "left") - _energy_at(rows, low, "right")
         shown = np.where(high > low, shown, 0.0)
         return np.asarray(shown + first_power * (before_ns * NANOSECOND))
-
-    def forget(self, before_ns: int) -> None:
-        """Drop samples that no interval from a stamp [ns] on asks for."""
-        if self._rows is not None:
-            place = np.searchsorted(self._rows.stamp_ns, before_ns - self._delay_ns, side="left")
-            self._rows = self._rows[slice(max(int(place) - 1, 0), None)]
 
 
 def _decay(seconds: Float, constant: Float) -> tuple[Float, Float]:
@@ -280,6 +278,54 @@ def _still(sums: Float) -> float:
     return seconds if squares / seconds - mean**2 > (VARIES * mean) ** 2 else 0.0
 
 
+class MeterSums:
+    """Sums of what was compared, in whole nanojoules: over stretches, and over readings.
+
+    Readings within ``READING_NS`` are one. The cutting of the input makes no difference.
+    """
+
+    def __init__(self) -> None:
+        self._begun: list[Int | None] = [None, None]  # the sums that may go on
+        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
+
+    def take(
+        self, compared: Compared, *energies: Float
+    ) -> tuple[list[tuple[list[int], float, int]], Int, Int]:
+        """Return what ended with these intervals.
+
+        Args:
+            energies: What is summed, measured energies first, shape (K,) each. [J]
+
+        Returns:
+            Stretches: end and duration [ns] and sums [nJ]; step of the reading's power from the
+            begin to the end, NaN where the stretch before is not known [W]; and the whole second
+            from which each counts, as it is known to be complete when the next one begins [ns].
+            Readings: the first of these, shape (M, 2 + energies); and the last, shape (M,).
+        """
+        whole = np.rint(np.stack(energies) * NANOJOULE_PER_JOULE).astype(np.int64)
+        table = np.column_stack([compared.stamp_ns, compared.duration_ns, *whole])
+        found: list[Int] = []
+        for place, length_ns in enumerate((STRETCH_NS, READING_NS)):
+            begun = self._begun[place]
+            rows = table if begun is None else np.concatenate([begun, table])
+            starts = starts_of(rows[:, 0] // length_ns)
+            sums = np.add.reduceat(rows, starts, axis=0)
+            sums[:, 0] = rows[np.append(starts[1:], len(rows)) - 1, 0]
+            self._begun[place] = sums[-1:]
+            found += [sums[:-1], -(-rows[starts[1:], 0] // SECOND_NS) * SECOND_NS]
+        stretches, known, readings, counts = found
+        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
+        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
+        ended: list[tuple[list[int], float, int]] = []
+        for row, power, since in zip(
+            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
+        ):
+            before, self._border = self._border, (row[0] // STRETCH_NS, power)
+            follows = before is not None and before[0] == self._border[0] - 1
+            ended.append((row, power - before[1] if before and follows else math.nan, since))
+        return ended, readings, counts
+
+
 class LagEstimate:
     """How late a meter shows what is drawn, from its readings.
 
@@ -302,8 +348,7 @@ class LagEstimate:
     def jump(self) -> None:
         """Forget what is open, as where stamps go back; the newest lag stays."""
         self.since_ns, self.lags = [], self.lags[-1:]
-        self._stretch = self._reading = np.empty((0, 4), dtype=np.int64)
-        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
+        self._sums = MeterSums()
 
     def begin(self, windows: list[tuple[float, float]]) -> None:
         """Put windows of an earlier run before those of this one.
@@ -316,25 +361,12 @@ class LagEstimate:
 
     def take(self, compared: Compared) -> None:
         """Take what became comparable, one interval or more."""
-        energies = np.stack([compared.measured, compared.drawn], axis=1) * NANOJOULE_PER_JOULE
-        table = np.column_stack(
-            [compared.stamp_ns, compared.duration_ns, np.rint(energies).astype(np.int64)]
-        )
-        stretches, known, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
-        readings, _, self._reading = closed_sums(self._reading, table, READING_NS)
-        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
-        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
-        for row, power, since in zip(
-            stretches.tolist(), powers.tolist(), known.tolist(), strict=True
-        ):
-            end_ns, duration_ns, measured, drawn = row
-            number = end_ns // STRETCH_NS
-            before, self._border = self._border, (number, power)
-            if before is None or before[0] != number - 1 or duration_ns < MIN_SHARE * STRETCH_NS:
-                continue
-            self._windows.append(((drawn - measured) / NANOJOULE_PER_JOULE, power - before[1]))
-            self.since_ns.append(since)
-            self.lags.append(self._lag())
+        stretches, _, _ = self._sums.take(compared, compared.measured, compared.drawn)
+        for (_, duration_ns, measured, drawn), step, since in stretches:
+            if duration_ns >= MIN_SHARE * STRETCH_NS and not math.isnan(step):
+                self._windows.append(((drawn - measured) / NANOJOULE_PER_JOULE, step))
+                self.since_ns.append(since)
+                self.lags.append(self._lag())
 
     def forget(self, before_ns: int) -> None:
         """Drop lags that no later sample asks for."""
@@ -354,3 +386,12 @@ class LagEstimate:
         left = error - lag * step
         std = math.sqrt(float(left @ left) / (len(left) - 2) / squares)
         return min(lag, MAX_LAG) if lag > SIGNIFICANT * std else 0.0
+
+
+def starts_of(number: Int) -> Int:
+    """Return where runs of equal numbers begin, shape (runs,).
+
+    Args:
+        number: Shape (N,), N > 0.
+    """
+    return np.flatnonzero(differences(number, int(number[0]) - 1))

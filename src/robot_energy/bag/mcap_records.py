@@ -102,7 +102,6 @@ class _Cursor:
 
 
 def parse_schema(data: memoryview) -> tuple[int, Schema]:
-    """Return the id and content of a Schema record."""
     cursor = _Cursor(data)
     schema_id = cursor.number(2)
     name, encoding = cursor.text(), cursor.text()
@@ -110,14 +109,12 @@ def parse_schema(data: memoryview) -> tuple[int, Schema]:
 
 
 def parse_channel(data: memoryview) -> tuple[int, McapChannel]:
-    """Return the id and content of a Channel record."""
     cursor = _Cursor(data)
     channel_id = cursor.number(2)
     return channel_id, McapChannel(cursor.number(2), cursor.text(), cursor.text())
 
 
 def parse_chunk_index(data: memoryview) -> ChunkIndex:
-    """Return the content of a ChunkIndex record."""
     cursor = _Cursor(data)
     start_ns, end_ns = cursor.number(8), cursor.number(8)
     start, length = cursor.number(8), cursor.number(8)
@@ -130,7 +127,6 @@ def parse_chunk_index(data: memoryview) -> ChunkIndex:
 
 
 def parse_statistics(data: memoryview) -> Statistics:
-    """Return the content of a Statistics record."""
     cursor = _Cursor(data)
     count, _, _, _, _, _, start, end = unpack_from("<QHIIIIQQ", cursor.take(42))
     pairs = cursor.sized()
@@ -237,9 +233,7 @@ def read_closing(file: BinaryIO, size: int, report: Callable[[str], None]) -> Cl
     if footer < len(MAGIC):
         return closing
     file.seek(footer)
-    tail = file.read(FOOTER_SIZE + len(MAGIC))
-    if len(tail) < FOOTER_SIZE + len(MAGIC):
-        return closing
+    tail = file.read(FOOTER_SIZE + len(MAGIC)).ljust(FOOTER_SIZE)  # it may be shorter now
     opcode, length = FRAME.unpack_from(tail)
     if tail[-8:] != MAGIC or opcode != FOOTER or length != 20:
         return closing

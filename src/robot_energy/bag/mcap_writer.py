@@ -123,7 +123,6 @@ class McapWriter:
                 self._end_chunk()
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write a Metadata record."""
         from mcap.records import Metadata, MetadataIndex
 
         place = self._file.tell()

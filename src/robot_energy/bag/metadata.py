@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-import stat
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Annotated, Any, cast
@@ -14,7 +14,11 @@ from typing import Annotated, Any, cast
 from robot_energy.foundation.config_file import MAX_BYTES, parse_yaml
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.first_bytes import MCAP
-from robot_energy.foundation.files.regular_file import read_regular_text, why_unreadable
+from robot_energy.foundation.files.regular_file import (
+    open_regular,
+    read_regular_text,
+    why_unreadable,
+)
 
 LIBRARY = "robot_energy"  # in the header of every MCAP file that `BagWriter` makes
 _HEADER = 1  # opcode
@@ -50,14 +54,11 @@ def _text(data: bytes) -> tuple[bytes, bytes]:
 
 def _start(path: Path, size: int) -> bytes:
     """The first bytes of a plain file; none of anything else."""
-    try:
-        if not stat.S_ISREG(os.lstat(path).st_mode):
-            return b""
-        number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return b""
-    with os.fdopen(number, "rb") as file:
-        return file.read(size)
+    with suppress(OSError):
+        if not path.is_symlink():
+            with open_regular(path) as file:
+                return file.read(size)
+    return b""
 
 
 FILE_NAME = "metadata.yaml"

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import os
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.mcap_records import LogTimes
-from robot_energy.bag.sources import BagContents, McapSource, Report
+from robot_energy.bag.cdr.decode import RawBatch
+from robot_energy.bag.sources import McapSource, Report
 from robot_energy.bag.sqlite_source import MAX_MESSAGE_BYTES, MAX_VALUE_BYTES, SqliteSource
 from robot_energy.foundation.errors import BagError
 from robot_energy.foundation.files.first_bytes import MAX_MAGIC, MCAP, SQLITE, named
 from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
-
-if TYPE_CHECKING:
-    import zstandard
 
 MAX_RATIO = 1000  # how many times larger a file may become; 40 joints at rest shrink to a 130th
 MAX_UNPACKED_BYTES = 16 * 2**30
@@ -34,55 +30,34 @@ def open_file(path: Path, report: Report) -> Source:
     return SqliteSource(path, report) if path.suffix == ".db3" else McapSource(path, report)
 
 
-class PackedMessages:
-    """Messages each packed with zstd, as another source reads them."""
+def unpacked_parts(
+    parts: Iterable[dict[str, RawBatch]], report: Report
+) -> Iterator[dict[str, RawBatch]]:
+    """Yield parts of a bag whose messages are each packed with zstd, unpacked."""
+    for part in parts:
+        unpacked = {topic: _unpacked(packed, report) for topic, packed in part.items()}
+        yield {topic: batch for topic, batch in unpacked.items() if len(batch)}
 
-    def __init__(self, source: Source, report: Report) -> None:
-        self._source, self._report = source, report
 
-    @property
-    def unverified_count(self) -> int:
-        """Messages delivered so far that no checksum in the bag covers."""
-        return self._source.unverified_count
+def _unpacked(batch: RawBatch, report: Report) -> RawBatch:
+    import zstandard
 
-    def contents(self) -> BagContents:
-        """Return what the file holds."""
-        return self._source.contents()
-
-    def parts(
-        self, topics: dict[str, str], spans: Mapping[str, LogTimes] | None = None
-    ) -> Iterator[dict[str, RawBatch]]:
-        """Yield the messages of some topics, unpacked; see `McapSource.parts`."""
-        import zstandard
-
-        unpacker = zstandard.ZstdDecompressor()
-        for part in self._source.parts(topics, spans):
-            unpacked = {
-                topic: batch
-                for topic, packed in part.items()
-                if len(batch := self._unpacked(packed, unpacker))
-            }
-            if unpacked:
-                yield unpacked
-
-    def _unpacked(self, batch: RawBatch, unpacker: zstandard.ZstdDecompressor) -> RawBatch:
-        import zstandard
-
-        times: list[int] = []
-        rows: list[bytes] = []
-        room = 4 * MAX_MESSAGE_BYTES  # for all messages of a part
-        for i, time in enumerate(batch.log_time_ns.tolist()):
-            try:
-                row = unpacker.stream_reader(batch.row(i)).read(room + 1)
-            except zstandard.ZstdError:
-                row = b""
-            if not row or len(row) > room:
-                self._report(f"messages of {batch.topic} that cannot be unpacked were left out")
-                continue
-            room -= len(row)
-            times.append(time)
-            rows.append(row)
-        return RawBatch.from_messages(batch.topic, batch.msgtype, times, rows)
+    unpacker = zstandard.ZstdDecompressor()
+    times: list[int] = []
+    rows: list[bytes] = []
+    room = 4 * MAX_MESSAGE_BYTES  # for all messages of a part
+    for i, time in enumerate(batch.log_time_ns.tolist()):
+        try:
+            row = unpacker.stream_reader(batch.row(i)).read(room + 1)
+        except zstandard.ZstdError:
+            row = b""
+        if not row or len(row) > room:
+            report(f"messages of {batch.topic} that cannot be unpacked were left out")
+            continue
+        room -= len(row)
+        times.append(time)
+        rows.append(row)
+    return RawBatch.from_messages(batch.topic, batch.msgtype, times, rows)
 
 
 def unpacked_file(path: Path, report: Report) -> Source:
@@ -126,7 +101,6 @@ def _unpack_file(path: Path, target: Path) -> None:
 
 
 def _unpacked_bytes(path: Path, packed: BinaryIO) -> int:
-    """Return how large a file becomes."""
     size = os.fstat(packed.fileno()).st_size
     most = min(max(size * MAX_RATIO, MAX_VALUE_BYTES), MAX_UNPACKED_BYTES)
     count = 0

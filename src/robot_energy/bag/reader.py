@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -10,15 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.metadata import FILE_NAME, FolderInfo, read_folder_info
-from robot_energy.bag.packed import PackedMessages, Source, open_file, unpacked_file
+from robot_energy.bag.packed import Source, open_file, unpacked_file, unpacked_parts
 from robot_energy.bag.sources import BagContents, TopicInfo
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, MissingTopicError
-from robot_energy.foundation.files.regular_file import open_regular
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import NANOSECOND
 
@@ -36,7 +36,6 @@ class TimeRange(Described):
     end: Annotated[float | None, "Likewise; None: to the last. [s]"] = None
 
     def __bool__(self) -> bool:
-        """Return whether anything is left out."""
         return self.start is not None or self.end is not None
 
     def span(self, bag: BagReader) -> LogTimes:
@@ -65,7 +64,6 @@ class TimeRange(Described):
         return max(start, first), min(end, last)
 
     def sentence(self, bag: BagReader) -> str:
-        """Return what was read, as a sentence."""
         start, end = (((at - (bag.start_ns or 0)) * NANOSECOND) for at in self.span(bag))
         whole = ((bag.end_ns or 0) - (bag.start_ns or 0)) * NANOSECOND
         return f"only a part of the bag was read: from {start:.6g} to {end:.6g} s of {whole:.6g} s"
@@ -75,7 +73,6 @@ MAX_OVERLAP_NS = SECOND_NS
 """By which chunks and files of a bag may overlap: several publishers are not in step. [ns]"""
 
 MAX_PROBLEMS = 100  # sentences about what is wrong that are kept
-_COMPARED = 2**16
 _BY_HAND = "save the values as CSV, and import that with `robot-energy import table`"
 CONVERSIONS = {
     "json": f"read them with the Python package `mcap`, {_BY_HAND}",
@@ -105,6 +102,7 @@ class BagReader:
         self.problems: list[str] = []
         self.origin = ""
         self._said_count: int | None = None  # of metadata.yaml
+        self._packed = False  # message by message
         self._sources = self._find()
         contents = BagContents()
         spans: list[tuple[int, int, frozenset[str]]] = []
@@ -138,7 +136,6 @@ class BagReader:
         return sum(source.unverified_count for source in self._sources)
 
     def require(self, topic: str, msgtypes: str | Collection[str]) -> TopicInfo:
-        """Return a topic that must be there with one of some types."""
         accepted = [msgtypes] if isinstance(msgtypes, str) else list(msgtypes)
         info = self.topics.get(topic)
         if info and info.msgtype in accepted and info.encoding == "cdr":
@@ -167,13 +164,13 @@ class BagReader:
         Where the log times of a topic jump back and forth, it is the order in the file, and the
         problem is reported.
         """
-        wanted: dict[str, str] = {}
-        for name in topics:
-            if name not in self.topics:
-                raise MissingTopicError(
-                    f"{self.path} has no {name}", f"one of {', '.join(self.topics) or 'none'}"
-                )
-            wanted[name] = self.require(name, self.topics[name].msgtype).msgtype
+        if absent := [name for name in topics if name not in self.topics]:
+            raise MissingTopicError(
+                f"{self.path} has no {absent[0]}", f"one of {', '.join(self.topics) or 'none'}"
+            )
+        wanted = {name: self.topics[name].msgtype for name in topics}
+        for name, msgtype in wanted.items():
+            self.require(name, msgtype)
         spans = spans or {}
         if not self._scattered or len(wanted) < 2:
             return self._in_file_order(wanted, spans)
@@ -188,7 +185,8 @@ class BagReader:
         self, wanted: dict[str, str], spans: Mapping[str, LogTimes]
     ) -> Iterator[dict[str, RawBatch]]:
         for source in self._sources if wanted else ():
-            for part in source.parts(wanted, spans):
+            parts = source.parts(wanted, spans)
+            for part in unpacked_parts(parts, self._report) if self._packed else parts:
                 for topic in part.keys() & spans.keys():
                     times, (first, last) = part[topic].log_time_ns, spans[topic]
                     inside = (times >= first) & (times <= last)
@@ -202,7 +200,7 @@ class BagReader:
             more = len(self.problems) == MAX_PROBLEMS
             self.problems.append("there is more of this kind" if more else sentence)
 
-    def _find(self) -> list[Source | PackedMessages]:
+    def _find(self) -> list[Source]:
         if not self.path.exists():
             raise BagError(f"{self.path} does not exist", "an MCAP file or a rosbag2 folder")
         if not self.path.is_dir():
@@ -226,7 +224,7 @@ class BagReader:
             f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
         )
 
-    def _listed(self, info: FolderInfo) -> list[Source | PackedMessages]:
+    def _listed(self, info: FolderInfo) -> list[Source]:
         """Return the files that the metadata lists, as far as they are there."""
         self.origin = info.origin
         files = [self.path / name for name in info.files]
@@ -237,24 +235,18 @@ class BagReader:
             self._said_count = info.message_count
         if info.compression_mode == "file":
             return [unpacked_file(file, self._report) for file in present]
-        sources = [open_file(file, self._report) for file in present]
-        if info.compression_mode == "message":
-            return [PackedMessages(source, self._report) for source in sources]
-        return list(sources)
+        self._packed = info.compression_mode == "message"
+        return [open_file(file, self._report) for file in present]
 
     def _distinct(self, files: Sequence[Path]) -> list[Path]:
         """Return the files without those of the same content as one before."""
         kept: list[Path] = []
-        places: dict[tuple[int, int], Path] = {}
         sizes: dict[int, list[Path]] = {}
         for file in files:
-            status = file.stat()
-            place = (status.st_dev, status.st_ino)
-            like = sizes.setdefault(status.st_size, [])
-            same = places.get(place) or next((o for o in like if _same_content(file, o)), None)
+            like = sizes.setdefault(file.stat().st_size, [])
+            same = next((one for one in like if _same_content(file, one)), None)
             if same is None:
                 kept.append(file)
-                places[place] = file
                 like.append(file)
             elif same.name == file.name:
                 self._report(f"{file.name} is listed several times in {FILE_NAME}; read once")
@@ -279,15 +271,10 @@ class BagReader:
 
 
 def _same_content(first: Path, second: Path) -> bool:
-    """Whether two files of one size hold the same; they differ early if they do."""
     try:
-        with open_regular(first) as one, open_regular(second) as other:
-            while part := one.read(_COMPARED):
-                if part != other.read(_COMPARED):
-                    return False
+        return first.samefile(second) or filecmp.cmp(first, second, shallow=False)
     except OSError:  # whoever reads it says why
         return False
-    return True
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_file import McapFile
 from robot_energy.bag.mcap_records import LogTimes, McapChunk, Messages
 from robot_energy.foundation.units import SECOND_NS
@@ -46,7 +46,6 @@ class BagContents:
     overlap_ns: int = 0
 
     def add(self, other: BagContents, report: Report) -> None:
-        """Add what another file of the same bag holds."""
         for name, info in other.topics.items():
             self.add_topic(name, info, report)
         self.definitions = {**other.definitions, **self.definitions}

@@ -8,7 +8,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import quote
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.bag.sources import (
     BATCH_BYTES,
@@ -59,7 +59,6 @@ class SqliteSource:
         self.unverified_count = 0
 
     def contents(self) -> BagContents:
-        """Return what the file holds."""
         result = BagContents()
         try:
             with closing(self._open()) as base:
@@ -85,6 +84,7 @@ class SqliteSource:
             first = min(spans[name][0] for name in topics)
             last = max(spans[name][1] for name in topics)
             within = f"AND timestamp BETWEEN {first:d} AND {last:d} "
+        marks = ",".join("?" * len(wanted))
         held: dict[str, tuple[list[int], list[bytes]]] = {}
         size = number = count = odd = 0
         try:
@@ -93,7 +93,7 @@ class SqliteSource:
                 for key, time, data in base.execute(
                     "SELECT topic_id, timestamp, "
                     f"CASE WHEN length(data) <= {MAX_MESSAGE_BYTES} THEN data END "
-                    f"FROM messages WHERE topic_id IN ({_marks(wanted)}) {within}ORDER BY {order}",
+                    f"FROM messages WHERE topic_id IN ({marks}) {within}ORDER BY {order}",
                     wanted,
                 ):
                     if not isinstance(time, int) or not isinstance(data, bytes) or time < 0:
@@ -124,7 +124,7 @@ class SqliteSource:
         found = base.execute(
             "SELECT topic_id FROM (SELECT topic_id, timestamp - lag(timestamp) OVER "
             "(PARTITION BY topic_id ORDER BY rowid) AS step FROM messages "
-            f"WHERE topic_id IN ({_marks(wanted)})) WHERE step < {-SECOND_NS} "
+            f"WHERE topic_id IN ({','.join('?' * len(wanted))})) WHERE step < {-SECOND_NS} "
             f"GROUP BY topic_id HAVING count(*) >= {MANY_STEPS_BACK}",
             wanted,
         ).fetchall()
@@ -152,7 +152,7 @@ class SqliteSource:
             raise self._unreadable(str(error.strerror)) from error
         place = quote(str(self._path.absolute()))
         base = sqlite3.connect(f"file:{place}?mode=ro&immutable=1", uri=True, isolation_level=None)
-        base.text_factory = _text
+        base.text_factory = lambda data: data.decode("utf-8", "replace")
         for kind, limit in _LIMITS.items():
             base.setlimit(kind, limit)
         for pragma in ("trusted_schema = OFF", "cell_size_check = ON", "mmap_size = 0"):
@@ -217,11 +217,3 @@ class SqliteSource:
 
     def _report(self, sentence: str) -> None:
         self._report_to(f"{self._path.name}: {sentence}")
-
-
-def _marks(values: list[int]) -> str:
-    return ",".join("?" * len(values))
-
-
-def _text(data: bytes) -> str:
-    return data.decode("utf-8", "replace")

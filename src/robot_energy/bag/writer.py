@@ -82,7 +82,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._open = True
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos = DEFAULT_QOS) -> None:
-        """Announce a topic."""
         self._check_open()
         if topic in self._topics:
             raise BagError(f"{topic} is added to {self.path} a second time", "each topic once")
@@ -217,7 +216,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._folder.discard()
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        """Close the bag; after an error in the block leave nothing of it."""
         if kind is None:
             self.close()
         else:
@@ -234,7 +232,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         return metadata_yaml(topics, file, start, span, count, self._origin)
 
     def _failed(self, error: OSError) -> BagError:
-        """Give the bag up after a refusal of the disk."""
         self.discard()
         return BagError(
             f"{self.path / self._name} cannot be written ({error.strerror or error})",

@@ -24,7 +24,13 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_energy.accounting.averaging import MeanBlock
-from robot_energy.accounting.meter_response import MIN_SHARE, READING_NS, STRETCH_NS
+from robot_energy.accounting.meter_response import (
+    MIN_SHARE,
+    READING_NS,
+    STRETCH_NS,
+    MeterSums,
+    starts_of,
+)
 from robot_energy.accounting.record import Calibrated
 from robot_energy.accounting.registers import HeldEnergies
 from robot_energy.certainty.deviation import (
@@ -41,7 +47,7 @@ from robot_energy.certainty.deviation import (
 from robot_energy.certainty.energy_calibration import EnergyCalibration
 from robot_energy.foundation.units import MAX_COUNTER, NANOJOULE_PER_JOULE, SECOND_NS
 from robot_energy.timeline.blocks import Float, Int, MeterLocation, Phase, PowerBlock, differences
-from robot_energy.timeline.pieces import Compared, closed_sums, starts_of
+from robot_energy.timeline.pieces import Compared
 
 COVERED = 0.9  # share of the readings that a band holds
 SLOT_NS = 20_000_000  # of deviations that wait for the meter
@@ -106,9 +112,7 @@ class BandCalibration:
         self._waiting: list[Compared] = []
         self._slot: Int = np.empty(0, dtype=np.int64)
         self._slots: Int = np.empty((0, len(PARTS) + len(Phase)), dtype=np.int64)
-        self._reading: Int = np.empty((0, 5), dtype=np.int64)
-        self._stretch: Int = np.empty((0, 5), dtype=np.int64)
-        self._border: tuple[int, float] | None = None  # a stretch, and the power at its end
+        self._sums = MeterSums()
         self._deviations: dict[int, Int] = {}
 
     def step(
@@ -189,20 +193,11 @@ class BandCalibration:
         """Return the readings that are complete."""
         if not len(compared):
             return []
-        energies = np.stack([compared.measured, compared.predicted, compared.drawn], axis=1)
-        table = np.column_stack(
-            [
-                compared.stamp_ns,
-                compared.duration_ns,
-                np.rint(energies * NANOJOULE_PER_JOULE).astype(np.int64),
-            ]
+        stretches, readings, counts = self._sums.take(
+            compared, compared.measured, compared.predicted, compared.drawn
         )
-        stretches, _, self._stretch = closed_sums(self._stretch, table, STRETCH_NS)
-        readings, counts, self._reading = closed_sums(self._reading, table, READING_NS)
-        lasts = readings[np.searchsorted(readings[:, 0], stretches[:, 0])]
-        powers = lasts[:, 2] / np.maximum(lasts[:, 1], 1)  # at their ends
-        for row, power in zip(stretches.tolist(), powers.tolist(), strict=True):
-            self._score_stretch(row, power)
+        for row, step, _ in stretches:
+            self._score_stretch(row, 0.0 if math.isnan(step) else step)
         if not len(readings):
             return []
         end, duration = readings[:, 0], readings[:, 1]
@@ -222,11 +217,9 @@ class BandCalibration:
         self._slot, self._slots = self._slot[keep:], self._slots[keep:]
         return [*map(_Scored, counts.tolist(), phase.tolist(), score.tolist())]
 
-    def _score_stretch(self, row: list[int], power: float) -> None:
+    def _score_stretch(self, row: list[int], step: float) -> None:
         end_ns, duration_ns, measured, _, predicted = row
         number = end_ns // STRETCH_NS
-        before, self._border = self._border, (number, power)
-        step = power - before[1] if before is not None and before[0] == number - 1 else 0.0
         noted = self._deviations.get(number)
         if noted is None or duration_ns < MIN_SHARE * STRETCH_NS or noted[-1] <= 0:
             return

@@ -176,20 +176,12 @@ class ConditionLearner:
             if self._part is not None and part != self._part:
                 self._end_part()
             self._part = part
-            slot = block.stamp_ns[start:stop] // SLOT_NS
-            rows = differences(slot, self._slot).nonzero()[0]
-            self._slot, self._newest_ns = int(slot[-1]), int(block.stamp_ns[stop - 1])
-            self._stuck |= bool((block.quality[start:stop] & STUCK).any())
-            if len(rows):  # the first sample of each slot
-                self._open.append(block[rows + start])
+            self._open.append(block[slice(start, stop)] if starts else block)
 
     def _begin_part(self) -> None:
         """Keep nothing of the part so far."""
         self._part: int | None = None
         self._open: list[PowerBlock] = []
-        self._slot = -1  # of the newest sample
-        self._newest_ns = 0
-        self._stuck = False  # whether a thermometer was, at any sample
 
     def flush(self) -> None:
         """Learn from the part that has not ended, as at the end of a bag."""
@@ -228,8 +220,10 @@ class ConditionLearner:
     @np.errstate(invalid="ignore", over="ignore")
     def _end_part(self) -> None:
         """Learn from the samples of a part."""
-        samples, stuck = PowerBlock.concatenate(self._open), self._stuck
-        self.end_ns = self._newest_ns
+        samples = PowerBlock.concatenate(self._open)
+        stuck = bool((samples.quality & STUCK).any())  # whether a thermometer was, at any sample
+        self.end_ns = int(samples.stamp_ns[-1])
+        samples = samples[differences(samples.stamp_ns // SLOT_NS, -1).nonzero()[0]]
         self._begin_part()
         for _, alike in groupby(self._readings, lambda r: (r.meaning, r.location)):
             self._windows.measure(MeterBlock.concatenate(list(alike)))

@@ -66,7 +66,6 @@ def load(
     what: str = "configuration file",
     remedy: str = "",
 ) -> M:
-    """Return the checked values of one file."""
     text = read_text(path, error, what, remedy=remedy)
     return validated(parse_yaml(text, str(path), error), model, str(path), error)
 
@@ -93,7 +92,6 @@ def read_text(
 def validated(
     data: object, model: type[M], source: str, error: type[RobotEnergyError] = ModelFileError
 ) -> M:
-    """Return plain values as an instance of a schema."""
     # 10 MB of schemas, which a reader of plain YAML or of bags does not need.
     from pydantic import ValidationError
 
@@ -110,7 +108,6 @@ def validated(
 
 
 def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFileError) -> Any:
-    """Return the plain values of one YAML document."""
     if len(text) > MAX_BYTES:
         raise error(f"{source} has {len(text)} characters", f"at most {MAX_BYTES}")
     try:
@@ -119,11 +116,10 @@ def parse_yaml(text: str, source: str, error: type[RobotEnergyError] = ModelFile
     except ModelFileError as found:
         raise error(f"{source}: {found.found}", found.expected, found.remedy) from None
     except (yaml.YAMLError, RecursionError, ValueError) as found:
-        mark = getattr(found, "problem_mark", None)
+        mark, said = getattr(found, "problem_mark", None), str(found)
         where = f" at line {mark.line + 1}" if mark is not None else ""
-        said = str(found)  # only its kind if that is more than a line
-        short = said if said and "\n" not in said and len(said) < 80 else type(found).__name__
-        problem = getattr(found, "problem", None) or short
+        short = said and "\n" not in said and len(said) < 80  # else only its kind
+        problem = getattr(found, "problem", None) or (said if short else type(found).__name__)
         raise error(f"{source} is not valid YAML{where}: {problem}") from found
 
 

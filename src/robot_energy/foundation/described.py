@@ -32,7 +32,6 @@ def documented(kind: Class) -> Class:
 
 
 def section_of(kind: type) -> str:
-    """Return what the annotations of a class say, as the last section of its docstring."""
     lines = "".join(f"\n    {name}: {text}" for name, text in texts_of(kind).items())
     return f"\n\nAttributes:{lines}" if lines else ""
 

@@ -78,7 +78,6 @@ class ShapeError(RobotEnergyError, ValueError):
 
 
 def check_shape(name: str, found: tuple[int, ...], expected: tuple[int, ...]) -> None:
-    """Refuse an array of another shape than expected."""
     if found != expected:
         raise ShapeError(f"{name} has shape {found}", f"{expected}")
 

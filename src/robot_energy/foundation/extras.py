@@ -28,7 +28,6 @@ STUDIES = f"{COMPANIONS}studies"
 
 
 def require(library: str, user: str) -> None:
-    """Refuse to go on where a library of an extra is not installed."""
     if find_spec(library) is None:
         raise missing(library, user)
 
@@ -36,23 +35,20 @@ def require(library: str, user: str) -> None:
 def missing(library: str, user: str) -> MissingExtraError:
     """Return what to say of a module that is not installed, which ours need."""
     library = library.partition(".")[0]
-    found = f"{user} needs {library}, which is not installed"
+    expected, remedy = "the whole library", "install it: pip install ./src in the clone"
     if library in EXTRAS:
-        return MissingExtraError(
-            found,
-            f"the extra '{EXTRAS[library]}'",
-            f"install it, in the clone: pip install './src[{EXTRAS[library]}]', or {library} alone",
+        expected = f"the extra '{EXTRAS[library]}'"
+        install = f"pip install './src[{EXTRAS[library]}]'"
+        remedy = f"install it, in the clone: {install}, or {library} alone"
+    elif library == STUDIES:
+        expected, remedy = (
+            "a clone, as it is not in the wheel",
+            "run it in a clone, after make setup",
         )
-    if library == STUDIES:
-        return MissingExtraError(
-            found, "a clone, as it is not in the wheel", "run it in a clone, after make setup"
-        )
-    return MissingExtraError(
-        found, "the whole library", "install it: pip install ./src in the clone"
-    )
+    found = f"{user} needs {library}, which is not installed"
+    return MissingExtraError(found, expected, remedy)
 
 
 def is_ours(library: str) -> bool:
-    """Whether an extra or the distribution brings a module."""
     library = library.partition(".")[0]
     return library in EXTRAS or library.startswith(COMPANIONS)

@@ -46,7 +46,6 @@ class Part:
         self.name = name
 
     def __call__(self, *args: Any) -> Any:
-        """Call the function."""
         return resolve_name(self.name)(*args)
 
 
@@ -69,7 +68,6 @@ class Kinds(dict[str, K], Generic[K]):
 
     @property
     def expected(self) -> str:
-        """All names in one phrase."""
         return "one of " + ", ".join(f"'{name}'" for name in self)
 
     def remedy(self, name: str) -> str:
@@ -90,12 +88,10 @@ class Kinds(dict[str, K], Generic[K]):
         return kind
 
     def remove(self, name: str) -> None:
-        """Take a kind out again."""
         del self[name]
         self._changed()
 
     def on_change(self, listener: Callable[[], None]) -> None:
-        """Call something after every change of the names."""
         self._listeners.append(listener)
 
     def _changed(self) -> None:

@@ -55,7 +55,6 @@ class Option:
         return f"a number from {self.low:g} to {self.high:g}"
 
     def check(self, name: str, value: object, verb: str) -> None:
-        """Refuse a value that makes no sense."""
         several = self.several and not isinstance(value, str)
         values = cast("Collection[object]", value) if several else (value,)
         fits = not self.choices or all(one in self.choices for one in values)
@@ -76,7 +75,6 @@ class Option:
         return f"{self.text} ({'; '.join(about)})" if about else self.text
 
     def __str__(self) -> str:
-        """What it is, in the documentation."""
         text = self.help.replace("%(choices)s", ", ".join(map(str, self.choices)))
         text = FLAG.sub(lambda flag: f"``{flag[1].replace('-', '_')}``", text)
         return f"{text[:1].upper()}{text[1:]}." + (f" [{self.unit}]" if self.unit else "")

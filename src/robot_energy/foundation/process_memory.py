@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import re
 import resource
+from contextlib import suppress
 from pathlib import Path
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # malloc.h of glibc
@@ -18,20 +19,15 @@ def keep_freed_memory() -> None:
     By default glibc returns them to the kernel, whose fresh pages then cost a fifth of
     the run. Where there is no glibc, nothing happens.
     """
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError):
-        return
-    mallopt(M_TRIM_THRESHOLD, KEPT)
-    mallopt(M_MMAP_THRESHOLD, KEPT)
+    with suppress(AttributeError, OSError):
+        for parameter in (M_TRIM_THRESHOLD, M_MMAP_THRESHOLD):
+            ctypes.CDLL(None).mallopt(parameter, KEPT)
 
 
 def give_back_freed_memory() -> None:
     """Give all freed memory back to the kernel, once; nothing happens without glibc."""
-    try:
+    with suppress(AttributeError, OSError):
         ctypes.CDLL(None).malloc_trim(0)
-    except (AttributeError, OSError):
-        return
 
 
 def peak_memory() -> int:

@@ -81,8 +81,8 @@ def refusal(
         for number, problem in enumerate(problems[:MAX_PROBLEMS], start=1)
     ]
     more = len(problems) - MAX_PROBLEMS
-    tail = f"; and {more} more" if more > 0 else ""
-    return kind(f"{source} has {len(problems)} problems: {'; '.join(lines)}{tail}")
+    lines += [f"and {more} more"] if more > 0 else []
+    return kind(f"{source} has {len(problems)} problems: {'; '.join(lines)}")
 
 
 def described(value: object) -> str:
@@ -125,9 +125,8 @@ def _problems(error: ValidationError, model: type[BaseModel], data: object) -> I
             text = str(context.get("error", entry["msg"]))
             yield _Problem(place, f"{name}: {text}" if name else text)
         elif kind == "union_tag_not_found":
-            yield _Problem(
-                place, f"key '{name}.{context['discriminator'].strip(chr(39))}' is missing"
-            )
+            key = context["discriminator"].strip("'")
+            yield _Problem(place, f"key '{name}.{key}' is missing")
         elif kind == "union_tag_invalid":
             key = context["discriminator"].strip("'")
             tags = [tag.strip(" '") for tag in context["expected_tags"].split(",")]
@@ -162,13 +161,10 @@ def _unknown(place: tuple[Part, ...], name: str, model: type[BaseModel]) -> _Pro
     """An unknown key, with the right spelling if one is near."""
     known, _ = _keys(model, place[:-1])
     near = difflib.get_close_matches(str(place[-1])[:MAX_WORD], known, n=1, cutoff=LIKELY)
-    if near:
-        expected = f"'{near[0]}'"
-    elif known:
+    expected = f"'{near[0]}'" if near else "a key of the schema"
+    if known and not near:
         rest = ", ..." if len(known) > MAX_KEYS else ""
         expected = f"one of {', '.join(known[:MAX_KEYS])}{rest}"
-    else:
-        expected = "a key of the schema"
     return _Problem(place, f"key '{name}' is unknown", expected)
 
 

@@ -24,7 +24,6 @@ class End:
         self._program = program
 
     def __call__(self, number: int, frame: FrameType | None) -> NoReturn:
-        """End the process."""
         sentence = f"{self._program}: interrupted ({signal.Signals(number).name})\n"
         try:
             os.write(2, sentence.encode())  # not by print, which may be what is interrupted

@@ -26,9 +26,8 @@ def time_zone(name: str) -> ZoneInfo:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError):
         known = available_timezones()
-        if not known:
-            raise ValueError(
-                "expected a database of time zones on this system: run `pip install tzdata`"
-            ) from None
         near = get_close_matches(name[:MAX_NAME], known, 1) or ["Europe/Berlin"]
-        raise ValueError(f"expected a time zone such as {near[0]}") from None
+        expected = f"time zone such as {near[0]}"
+        if not known:
+            expected = "database of time zones on this system: run `pip install tzdata`"
+        raise ValueError(f"expected a {expected}") from None

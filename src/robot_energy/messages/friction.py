@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, Run, stamp_columns, stamp_ns
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.model import RobotModel
 from robot_energy.timeline.blocks import NANOSECOND, FrictionBlock, TemperatureOrigin
-from robot_energy.timeline.stamps import valid_stamps
-from robot_energy.timeline.streams import EpochRun, joined, slow_reach
+from robot_energy.timeline.stamps import EpochRun, slow_reach, valid_stamps
+from robot_energy.timeline.streams import joined
 
 JOINT_FRICTION = "ros2_energy_msgs/msg/JointFriction"
 ARRAYS = (

@@ -9,13 +9,12 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.messages.fields import FRAME, RECORDING, STAMP
 from robot_energy.timeline.blocks import Block
-from robot_energy.timeline.stamps import BAD_STAMP
-from robot_energy.timeline.streams import Reach, StreamSplitter
+from robot_energy.timeline.stamps import BAD_STAMP, Reach
+from robot_energy.timeline.streams import StreamSplitter
 
 B = TypeVar("B", bound=Block)
 HEADER = (*(*STAMP, FRAME, "model_id", "joint_names", "quality"),)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.plain_text import MAX_LINK, require_plain_text
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Encoder, Run, stamp_columns
+from robot_energy.bag.cdr.decode import Decoder, Encoder, RawBatch, Run, stamp_columns
 from robot_energy.bag.cdr.types import typestore as default_typestore
 from robot_energy.foundation.errors import PayloadError, RobotEnergyError
 from robot_energy.foundation.shown_text import shown

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, Run, stamp_columns, stamp_ns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, Run, stamp_columns, stamp_ns
 from robot_energy.messages.fields import FRAME, RECORDING
 from robot_energy.messages.model_messages import ModelMessageReader
 from robot_energy.timeline.blocks import Quality, TorqueBlock, differences, mark
-from robot_energy.timeline.stamps import BY_PERIOD, OLDER, StampOrder, newer, valid_stamps
-from robot_energy.timeline.streams import EpochRun, Reach
+from robot_energy.timeline.stamps import BY_PERIOD, OLDER, EpochRun, Reach, newer, valid_stamps
+from robot_energy.timeline.streams import StampOrder
 
 JOINT_TORQUE = "ros2_energy_msgs/msg/JointTorque"
 ARRAYS = (

@@ -45,7 +45,6 @@ class AuxiliaryLoad(ModelEntry):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the states, in the order of their numbers."""
         return tuple(self.states)
 
     @property

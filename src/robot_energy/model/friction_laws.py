@@ -132,7 +132,6 @@ class TableLaw(LawEntry):
 
 
 def _shown(figures: dict[str, Any]) -> str:
-    """Every figure of an entry by its name."""
     return ", ".join(
         f"{key} {value['value']:.3g}" for key, value in figures.items() if isinstance(value, dict)
     )

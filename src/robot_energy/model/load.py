@@ -137,11 +137,7 @@ def follow_tables() -> None:
             fields[kind.key] = FieldInfo(annotation=annotation, default=None)
     Joint.LATE = (*OWN_LATE, *(k.key for k in DRIVE_MODELS.values() if not k.in_identity))
     laws: Any = Union[tuple(kind.entry for kind in FRICTION_LAWS.values())]  # noqa: UP007 (made of a table)
-    JointFriction.model_fields["viscous"] = (
-        FieldInfo(annotation=laws, discriminator="law")
-        if len(FRICTION_LAWS) > 1
-        else FieldInfo(annotation=laws)
-    )
+    JointFriction.model_fields["viscous"] = FieldInfo(annotation=laws, discriminator="law")
     for model in (JointFriction, Joint, RobotModel):
         model.model_rebuild(force=True)
     forget_schemas()

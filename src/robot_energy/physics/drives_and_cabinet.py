@@ -52,12 +52,9 @@ class Drive(Protocol):
     """Turns shaft power into electrical input, for all axes of a robot."""
 
     def input_power(
-        self,
-        shaft_power: Float,
-        motor_velocity: Float,
-        motor_torque: Float,
+        self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
-    ) -> tuple[Float, NDArray[np.bool_] | None]:
+    ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
         """Return the electrical input, shape (N, n) [W], and where it is extrapolated, if at all.
 
         Args:
@@ -73,12 +70,9 @@ class Ideal:
     """P_el = P_mech (paper A, eq. 6)."""
 
     def input_power(
-        self,
-        shaft_power: Float,
-        motor_velocity: Float,
-        motor_torque: Float,
+        self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
-    ) -> tuple[Float, NDArray[np.bool_] | None]:
+    ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
         """Return the shaft power itself; arguments and result as in `Drive.input_power`."""
         return shaft_power, None
 
@@ -87,35 +81,21 @@ class LossModel:
     """P_el = P_mech + c0 + c1 |w| + c2 w^2 + k (1 + alpha (T - 20)) tau^2."""
 
     def __init__(self, entries: list[LossDrive]) -> None:
-        self._constant = np.asarray([entry.constant.value for entry in entries])
-        self._linear = np.asarray([entry.linear.value for entry in entries])
-        self._quadratic = np.asarray([entry.quadratic.value for entry in entries])
-        self._copper = np.asarray([entry.copper.value for entry in entries])
-        self._alpha = np.asarray([entry.copper_temperature_coefficient.value for entry in entries])
+        names = "constant", "linear", "quadratic", "copper", "copper_temperature_coefficient"
+        self._figures = {
+            name: np.asarray([getattr(entry, name).value for entry in entries]) for name in names
+        }
 
     def input_power(
-        self,
-        shaft_power: Float,
-        motor_velocity: Float,
-        motor_torque: Float,
+        self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
-    ) -> tuple[Float, NDArray[np.bool_] | None]:
+    ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
         """Return shaft power plus losses, which are never negative.
 
         Arguments and result as in `Drive.input_power`.
         """
-        power = loss_model_power(
-            shaft_power,
-            motor_velocity,
-            motor_torque,
-            motor_temperature_degc,
-            constant=self._constant,
-            linear=self._linear,
-            quadratic=self._quadratic,
-            copper=self._copper,
-            copper_temperature_coefficient=self._alpha,
-        )
-        return power, None
+        given = shaft_power, motor_velocity, motor_torque, motor_temperature_degc
+        return loss_model_power(*given, **self._figures), None
 
 
 class EfficiencyMaps:
@@ -141,12 +121,9 @@ class EfficiencyMaps:
             self._efficiency.append(np.asarray(entry.efficiency))
 
     def input_power(
-        self,
-        shaft_power: Float,
-        motor_velocity: Float,
-        motor_torque: Float,
+        self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
-    ) -> tuple[Float, NDArray[np.bool_] | None]:
+    ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
         """Return shaft power over the efficiency of the nearest point of the map.
 
         Arguments and result as in `Drive.input_power`.
@@ -183,12 +160,9 @@ class LossMaps:
         self._alpha = [entry.copper_temperature_coefficient.value for entry in entries]
 
     def input_power(
-        self,
-        shaft_power: Float,
-        motor_velocity: Float,
-        motor_torque: Float,
+        self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
-    ) -> tuple[Float, NDArray[np.bool_] | None]:
+    ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
         """Return shaft power plus losses, which are never negative.
 
         Arguments and result as in `Drive.input_power`.

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, Float, FrictionBlock, Int, differences
-from robot_energy.timeline.streams import SLOW_NS
+from robot_energy.timeline.stamps import SLOW_NS
 
 HISTORY_NS = 60_000_000_000  # friction kept behind the samples
 ALONE_NS = 10_000_000_000  # a jump that the other stream does not follow by then is its own
@@ -106,10 +106,13 @@ class FrictionTimeline:
                 self._alone_ns = None
         elif self._before is not None:
             line, row = self._chosen(self._before, stamp_ns, row)
-        if self._first is not None:
-            line, row = self._begun(self._first, stamp_ns, line, row, refuted)
-        elif self._start_ns is None:
+        if self._start_ns is None:
             self._start_ns = int(stamp_ns[0])
+            first = self._first
+            if first is not None and 0 <= self._start_ns - first.stamp_ns[0] <= HISTORY_NS:
+                self._first = None  # it is of the same time
+        if self._first is not None:
+            line, row = self._begun(self._first, self._start_ns, stamp_ns, line, row, refuted)
         first, last = int(row.min()), int(row.max())
         if self._part[0] is not line or self._part[1:3] != (first, last):
             self._part = (line, first, last, line[slice(first, last + 1)])
@@ -124,13 +127,11 @@ class FrictionTimeline:
         return part, row
 
     def _begun(
-        self, first: FrictionBlock, stamp_ns: Int, line: FrictionBlock, row: Int, refuted: bool
-    ) -> tuple[FrictionBlock, Int]:
+        self, first: FrictionBlock, start: int, stamp_ns: Int, line: FrictionBlock, row: Int,
+        refuted: bool,
+    ) -> tuple[FrictionBlock, Int]:  # fmt: skip
         """Let the first row of all hold at the start, if its stamp is of another time."""
-        if self._start_ns is None:
-            self._start_ns = int(stamp_ns[0])
-        start, own = self._start_ns, int(first.stamp_ns[0])
-        until = start + SLOW_NS
+        own, until = int(first.stamp_ns[0]), start + SLOW_NS
         if int(stamp_ns[-1]) >= until:
             self._first = None
         ahead = own - start

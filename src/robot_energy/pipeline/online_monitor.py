@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from robot_energy.accounting.account import EnergyAccount
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, stamp_columns
 from robot_energy.foundation.errors import ParameterError, ShapeError
 from robot_energy.inputs.joint_states.joint_states import JOINT_STATE, JointStateIngest
 from robot_energy.inputs.meter.kinds import POWER_READING

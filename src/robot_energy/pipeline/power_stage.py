@@ -17,7 +17,7 @@ from robot_energy.certainty.deviation import (
 )
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.described import Described
-from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
+from robot_energy.inputs.temperatures.stuck import WINDOW_NS, StuckTemperatureDetector
 from robot_energy.model import RobotModel
 from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage, drive_from_model
 from robot_energy.physics.drivetrain import motor_standstill
@@ -223,6 +223,7 @@ class PowerStage:
         self._hold = self._supply.hold
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
+        self._unwatched: list[tuple[Int, Int, Float, Float]] = []  # since `watch` was asked
         self._assumed = settings.temperature_assumed
         stale_after = NEVER if self._assumed else min(model.temperature.stale_after, NEVER)
         self._stale_ns = round(stale_after / NANOSECOND)
@@ -310,14 +311,15 @@ class PowerStage:
         winding = np.where(np.isnan(degc), self._supply.fallback_degc, degc)
         supplied = self._supply.step(block, shaft, wound, degc, winding, standing, quality)
         drive_loss, balance = supplied.drive_loss, supplied.balance
-        stuck = self.watch.step(
-            block.stamp_ns,
-            block.segment,
-            np.where(standing, 0.0, friction_power + drive_loss),
-            measured_degc,
-        )
-        if stuck is not None and not self._assumed:
-            mark(quality, stuck, Quality.TEMPERATURE_STUCK)
+        if not self._assumed:
+            loss = np.where(standing, 0.0, friction_power + drive_loss)
+            self._unwatched.append((block.stamp_ns, block.segment, loss, measured_degc))
+            ends = int(block.stamp_ns[0]) // WINDOW_NS, int(block.stamp_ns[-1]) // WINDOW_NS
+            if ends != (self.watch.window,) * 2 or self.watch.stuck.any():
+                waiting, self._unwatched = zip(*self._unwatched, strict=True), []
+                stuck = self.watch.step(*map(np.concatenate, waiting))
+                if stuck is not None:
+                    mark(quality, stuck[-len(block) :], Quality.TEMPERATURE_STUCK)
         turning = np.where(standing, 0.0, speed)
         of_motors = (turning, wound, rigid_power, friction_power, drive_loss, viscous, *deviations)
         held = np.zeros_like(torque)

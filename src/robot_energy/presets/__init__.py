@@ -27,12 +27,10 @@ class RobotPreset(Kind):
 
     @property
     def inputs(self) -> Path:
-        """The parameter file with the inputs."""
         return Path(str(resources.files("robot_energy") / "presets" / f"{self.file}.yaml"))
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """The parameters in that file, as a node takes them."""
         document = parse_yaml(self.inputs.read_text(encoding="utf-8"), str(self.inputs))
         return cast("dict[str, Any]", document)["/**"]["ros__parameters"]
 

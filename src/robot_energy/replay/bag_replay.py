@@ -89,7 +89,6 @@ class Replay:
 
     @property
     def account(self) -> EnergyAccount:
-        """Registers, comparison, phases."""
         return self.pipeline.account
 
 
@@ -274,12 +273,13 @@ def _spans(bag: BagReader, result: Replay, time_range: TimeRange) -> dict[str, L
     topics = result.topics
     earlier = first - round(result.model.temperature.stale_after * SECOND_NS)
     metered = result.meter.source.topics if topics.meter else ()
-    loaded = result.auxiliary.values()
-    powers = [topic for load in loaded if load.meter for topic in load.meter.source.topics]
-    states = [topic for load in loaded if load.state for topic in load.state.source.topics]
+    loads = [
+        (r.source.topics, 0 if r is load.state else first)
+        for load in result.auxiliary.values()
+        for r in load.readers
+    ]
     return {
-        **dict.fromkeys(powers, (first, last)),
-        **dict.fromkeys(states, (0, last)),
+        **{topic: (since, last) for read, since in loads for topic in read},
         **dict.fromkeys((*(topics.joint_states or ()), *metered), (first, last)),
         **dict.fromkeys(topics.temperatures or (), (earlier, last)),
         **({topics.payload: (0, last)} if topics.payload else {}),
@@ -297,16 +297,14 @@ def _require_samples(result: Replay) -> None:
         alike = [[one for one in named if one.endswith(name)] for name in result.model.joint_names]
         names = ", ".join(one[0] for one in alike) if all(len(one) == 1 for one in alike) else ""
         fitting = [name for name in shipped_models() if {*load(name).joint_names} <= {*named}]
+        remedy = "use the model of this robot, or set joint_states.joint_names"
+        remedy += f" to [{names}]" if names else ""
+        if fitting:
+            remedy = f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
         raise UnknownJointError(
             f"no message of {topic} has the joint(s) {', '.join(sorted(ingest.missing_joints))}",
             f"the joints of the model, {' or '.join(', '.join(one) for one in ingest.known_names)}",
-            f"the messages name {', '.join(sorted(named)) or 'fewer joints'}; "
-            + (
-                f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
-                if fitting
-                else "use the model of this robot, or set joint_states.joint_names"
-                + (f" to [{names}]" if names else "")
-            ),
+            f"the messages name {', '.join(sorted(named)) or 'fewer joints'}; {remedy}",
         )
     if not ingest.rejections.received:
         why = f"; {result.problems[0]}" if result.problems else ""

@@ -51,7 +51,6 @@ class EnergyBagWriter:
     def write(
         self, output: Output, account: EnergyAccount, payloads: Sequence[PayloadChange]
     ) -> None:
-        """Write what one step of the pipeline gave."""
         torque, friction, power, registers, payload = self.TOPICS
         if output.friction is not None:
             self._frictions.append(output.friction)
@@ -79,12 +78,10 @@ class EnergyBagWriter:
             self._counted_ns = now
 
     def close(self) -> None:
-        """Finish the bag, if there is one."""
         if self._bag is not None:
             self._bag.close()
 
     def discard(self) -> None:
-        """Remove the bag, if there is one."""
         if self._bag is not None:
             self._bag.discard()
 

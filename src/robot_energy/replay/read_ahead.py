@@ -22,7 +22,6 @@ SET_PIPE_SIZE = 1031  # F_SETPIPE_SZ of Linux
 
 
 def can_read_ahead() -> bool:
-    """Whether this system can run an iterator in a process of its own."""
     return "fork" in get_all_start_methods()
 
 

@@ -65,7 +65,6 @@ class JobList(ModelEntry):
 
 
 def load_jobs(path: str | Path) -> tuple[Job, ...]:
-    """Return the jobs of a file, in order of time."""
     return load(path, JobList, RegisterError, "list of jobs").jobs
 
 
@@ -87,17 +86,17 @@ class RecordedJobs:
 
     def notes(self, start_ns: int | None) -> list[str]:
         """Return what a reader of the jobs should know, one sentence each."""
-        if self._names and not (self.closed or self.left_out) and start_ns is not None:
-            first_ns = int(self._bounds_ns[0, 0])
+        if self.left_out:
             return [
-                f"none of the jobs ({len(self._names)}) lies in the recording, which "
-                f"begins {_utc(start_ns)}; the first job begins {_utc(first_ns)}: are clock and "
-                "time zone right?"
+                "jobs that are not in the recording from beginning to end, left out: "
+                f"{self.left_out}"
             ]
-        if not self.left_out:
+        if not self._names or self.closed or start_ns is None:
             return []
         return [
-            f"jobs that are not in the recording from beginning to end, left out: {self.left_out}"
+            f"none of the jobs ({len(self._names)}) lies in the recording, which "
+            f"begins {_utc(start_ns)}; the first job begins {_utc(int(self._bounds_ns[0, 0]))}: "
+            "are clock and time zone right?"
         ]
 
     def cuts(self, stamp_ns: Int) -> Int:
@@ -135,7 +134,6 @@ class RecordedJobs:
                 self._is_open = True
 
     def finish(self, account: EnergyAccount) -> None:
-        """Close a job that ends with the recording."""
         if self._is_open:
             late_ns = int(self._bounds_ns[self._next, 1]) - (account.end_ns or 0)
             found = account.close_interval(self._names[self._next])

@@ -12,9 +12,10 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.bag import BagReader
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.mcap_records import LogTimes
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.auxiliary import LoadTopics
@@ -52,22 +53,19 @@ class LoadIngest:
             MeterIngest(source, typestore) if source is not None else None
             for source in (topics.meter, topics.state)
         )
+        self.readers = [reader for reader in (self.meter, self.state) if reader is not None]
 
     def step(self, part: Mapping[str, RawBatch]) -> LoadReadings:
-        """Return what comes of the messages of a part of a bag."""
         return self._each(
             lambda reader: reader.step([part[t] for t in reader.source.topics if t in part])
         )
 
     def flush(self) -> LoadReadings:
-        """Return what still waits, as at the end of a bag."""
         return self._each(lambda reader: reader.flush())
 
     def restart(self) -> None:
-        """Drop what waits, as after an error."""
-        for reader in (self.meter, self.state):
-            if reader is not None:
-                reader.restart()
+        for reader in self.readers:
+            reader.restart()
 
     def _each(self, take: Callable[[MeterIngest], MeterBlock | None]) -> LoadReadings:
         meter, state = (None if r is None else take(r) for r in (self.meter, self.state))
@@ -125,8 +123,7 @@ def read_steps(
     auxiliary = [
         topic
         for load in inputs.auxiliary.values()
-        for reader in (load.meter, load.state)
-        if reader is not None
+        for reader in load.readers
         for topic in reader.source.topics
     ]
     wanted = (*states, topics.payload, *(topics.temperatures or ()), *metered, *auxiliary)
@@ -201,9 +198,30 @@ def _joined(parts: Iterator[dict[str, RawBatch]]) -> Iterator[dict[str, RawBatch
 
 def _taken(held: list[dict[str, RawBatch]]) -> dict[str, RawBatch]:
     """Join what is held, and hold nothing."""
-    whole = RawBatch.joined(held)
+    parts = held.copy()
     held.clear()
-    return whole
+    if len(parts) == 1:
+        return parts[0]
+    buffers: dict[int, tuple[int, NDArray[np.uint8]]] = {}
+    size = 0
+    found: dict[str, list[RawBatch]] = {}
+    for part in parts:
+        for topic, batch in part.items():
+            found.setdefault(topic, []).append(batch)
+            if id(batch.buffer) not in buffers:
+                buffers[id(batch.buffer)] = size, batch.buffer
+                size += len(batch.buffer)
+    buffer = np.concatenate([each for _, each in buffers.values()])
+    return {
+        topic: replace(
+            batches[0],
+            log_time_ns=np.concatenate([b.log_time_ns for b in batches]),
+            buffer=buffer,
+            offset=np.concatenate([b.offset + buffers[id(b.buffer)][0] for b in batches]),
+            length=np.concatenate([b.length for b in batches]),
+        )
+        for topic, batches in found.items()
+    }
 
 
 def _cut(

@@ -31,17 +31,14 @@ ModelName = str | Path | RobotModel  # a model, its file, or the name of a shipp
 
 
 def model_of(model: ModelName) -> RobotModel:
-    """Return a model, loaded if it is a name."""
     return model if isinstance(model, RobotModel) else load(model)
 
 
 def effort_meaning(effort: str) -> EffortMeaning:
-    """Return what the effort in the joint states means."""
     return member_named(EffortMeaning, "effort", effort)
 
 
 def member_named(kind: type[Member], what: str, name: str) -> Member:
-    """Return the member of an enumeration."""
     if name not in tuple(kind):
         raise ParameterError(f"{what} is '{name}'", f"one of {', '.join(kind)}")
     return kind(name)

@@ -51,23 +51,20 @@ class AuxiliaryReport(Result):
 
 
 def auxiliary_report(account: AuxiliaryAccount | None) -> AuxiliaryReport | None:
-    """Return the figures of the auxiliary branch; None where there is none."""
     if account is None:
         return None
     outlet = account.outlet_microjoule
-    cabinet = float(account.together.joule[0])
     return AuxiliaryReport(
         loads=tuple(_load(account, place) for place in range(len(account.curves))),
         balanced_ns=account.together_ns,
         outlet_energy_microjoule=outlet,
         outlet_energy=outlet / PER_JOULE,
-        cabinet_energy=cabinet,
+        cabinet_energy=float(account.together.joule[0]),
         auxiliary_energy=float(account.together.joule[1:].sum()),
     )
 
 
 def missing_sentences(report: AuxiliaryReport | None) -> list[str]:
-    """Return a sentence for each load whose power is not known all the time."""
     return [
         f"the power of {load.name} is not known for {load.missing_ns * NANOSECOND:.3f} s of the "
         "observed time: its energy there is not counted"
@@ -80,7 +77,11 @@ def _load(account: AuxiliaryAccount, place: int) -> LoadEnergy:
     curve = account.curves[place]
     known_ns, missing_ns = int(account.known_ns[place]), int(account.missing_ns[place])
     energy = float(account.energy.joule[place])
-    first = int(account.offset[place])
+    states: dict[str, LoadState] = {}
+    for column, (name, figure) in enumerate(curve.load.states.items(), account.offset[place]):
+        time = float(account.state_ns[column]) * NANOSECOND
+        drawn = float(account.state_energy.joule[column])
+        states[name] = LoadState(time, drawn, drawn / time if time else None, figure.value)
     return LoadEnergy(
         name=curve.load.name,
         metered=curve.metered,
@@ -91,14 +92,5 @@ def _load(account: AuxiliaryAccount, place: int) -> LoadEnergy:
         missing_ns=missing_ns,
         missing_count=int(account.missing_count[place]),
         mean_power=energy / (known_ns * NANOSECOND) if known_ns else None,
-        states={
-            name: _state(account, first + number, figure.value)
-            for number, (name, figure) in enumerate(curve.load.states.items())
-        },
+        states=states,
     )
-
-
-def _state(account: AuxiliaryAccount, column: int, model_power: float) -> LoadState:
-    time = float(account.state_ns[column]) * NANOSECOND
-    energy = float(account.state_energy.joule[column])
-    return LoadState(time, energy, energy / time if time else None, model_power)

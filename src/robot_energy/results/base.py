@@ -121,7 +121,6 @@ def count_tags(model: RobotModel) -> dict[str, int]:
 
 
 def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
-    """Yield every entry of a model that says by a ``tag`` how it is known."""
     if isinstance(value, Mapping):
         entries = cast("Mapping[str, Any]", value)
         if isinstance(entries.get("tag"), str):
@@ -133,7 +132,6 @@ def tagged_entries(value: object) -> Iterator[Mapping[str, Any]]:
 
 
 def model_used(model: RobotModel, change: str | None = None) -> ModelUsed:
-    """Return what a result says of its model."""
     return ModelUsed(
         model_id=model.model_id,
         source=model.source,

@@ -205,7 +205,6 @@ class EnergyUncertainty(Result):
 
 
 def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> EnergyUncertainty:
-    """Return how sure the predicted net energy of an account is."""
     registers, calibration, band = account.registers, account.calibration, account.energy_band
     net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
     variances = energy_variances(registers.deviation)
@@ -270,6 +269,16 @@ def common_figures(
     registers, counts = account.registers, account.counts
     seconds = registers.time.observed_ns * NANOSECOND
     energy = energy_of(registers, model.unmodelled)
+    parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
+    rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)
+    gears = gear_degc or [math.nan] * len(model.joints)
+    joints: list[JointEnergy] = []
+    for name, row, *degc in zip(model.joint_names, rows, temperature_degc, gears, strict=True):
+        out, back, rigid, friction, loss = row
+        drawn = rigid + friction + loss
+        shown = float(known_part("drive_loss", loss, model.unmodelled))
+        share = drawn / energy.net if energy.net > 0 else None
+        joints.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, *degc))
     return {
         "model": model_used(model, change),
         "energy": energy,
@@ -278,9 +287,7 @@ def common_figures(
             phase.name.lower(): PhaseEnergy(account.phase_time(phase), account.phase_energy(phase))
             for phase in Phase
         },
-        "joints": _joints_of(
-            registers, model, temperature_degc, gear_degc or [math.nan] * len(model.joints)
-        ),
+        "joints": tuple(joints),
         "quality": SampleQuality(
             counts.samples,
             {str(Quality(b).name).lower(): counts.quality[b] for b in sorted(counts.quality)},
@@ -313,29 +320,7 @@ def energy_of(registers: Registers, unmodelled: Collection[str]) -> EnergyBreakd
     )
 
 
-def _joints_of(
-    registers: Registers,
-    model: RobotModel,
-    temperature_degc: Sequence[float],
-    gear_degc: Sequence[float],
-) -> tuple[JointEnergy, ...]:
-    """Return where each joint's energy went."""
-    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
-    parts = ("shaft_positive", "shaft_negative", "rigid", "friction", "drive_loss")
-    rows = zip(*(registers.joints(part).tolist() for part in parts), strict=True)
-    found: list[JointEnergy] = []
-    degrees = zip(temperature_degc, gear_degc, strict=True)
-    for name, row, of_joint in zip(model.joint_names, rows, degrees, strict=True):
-        out, back, rigid, friction, loss = row
-        drawn = rigid + friction + loss
-        shown = float(known_part("drive_loss", loss, model.unmodelled))
-        share = drawn / net if net > 0 else None
-        found.append(JointEnergy(name, out, back, rigid, friction, shown, drawn, share, *of_joint))
-    return tuple(found)
-
-
 def unbalanced(energy: EnergyBreakdown) -> list[str]:
-    """Return a sentence if the parts of the energy do not sum to what the grid gave."""
     if energy.balanced:
         return []
     return [
@@ -346,7 +331,6 @@ def unbalanced(energy: EnergyBreakdown) -> list[str]:
 def comparison_of(
     account: EnergyAccount, model: RobotModel, power_error: PowerErrorSums
 ) -> MeterComparison:
-    """Return predicted and measured energy over the same intervals."""
     comparison, observed_ns = account.comparison, account.registers.time.observed_ns
     compared_ns = comparison.compared_ns
     seconds = compared_ns * NANOSECOND
@@ -355,6 +339,10 @@ def comparison_of(
     known = comparison.location is not MeterLocation.UNKNOWN
     constant = model.constant_power(comparison.location)
     beyond = measured - constant * seconds
+    registers, at_bus = account.registers, comparison.location is MeterLocation.DC_BUS
+    half = Z90 * energy_std(registers.deviation, at_bus)
+    net = registers.cabinet("grid_import") - registers.cabinet("grid_return")
+    net -= registers.cabinet("loss_grid") if at_bus else 0.0
     return MeterComparison(
         meter_location=comparison.location.name.lower() if known else None,
         compared_ns=compared_ns,
@@ -372,17 +360,8 @@ def comparison_of(
         beyond_constant_relative=_ratio(predicted - measured, abs(beyond)),
         power_error_rms=power_error.rms,
         measured_power_rms=power_error.measured_rms,
-        half_relative=_half_at_meter(account) if compared_ns else math.nan,
+        half_relative=_ratio(half, abs(net)) if compared_ns else math.nan,
     )
-
-
-def _half_at_meter(account: EnergyAccount) -> float:
-    """Half width of the 90 % band of the energy at the meter, over that energy. [-]"""
-    registers = account.registers
-    at_bus = account.comparison.location is MeterLocation.DC_BUS
-    energy = registers.cabinet("grid_import") - registers.cabinet("grid_return")
-    energy -= registers.cabinet("loss_grid") if at_bus else 0.0
-    return _ratio(Z90 * energy_std(registers.deviation, at_bus), abs(energy))
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -73,34 +73,20 @@ class ConditionReport(Result):
 
 
 def condition_report(learner: ConditionLearner, model: RobotModel) -> ConditionReport:
-    """Return what was learned by now."""
     friction, factor = learner.friction, learner.meter.filtered
     time = friction.sums[2].sum(axis=(0, 2, 3)).tolist()
-    rows = zip(
-        model.joint_names,
-        friction.filtered.tolist(),
-        friction.raw.tolist(),
-        friction.valid.tolist(),
-        time,
-        [len(test.records) for test in learner.wear.joints],
-        strict=True,
-    )
+    columns = (friction.filtered.tolist(), friction.raw.tolist(), friction.valid.tolist(), time)
+    records = [len(test.records) for test in learner.wear.joints]
+    rows = zip(model.joint_names, *columns, records, strict=True)
     return ConditionReport(
         str(learner.learning),
         tuple(LearnedJoint(*row) for row in rows),
         *factor,
         learner.meter.valid,
         tuple(
-            WearFinding(
-                alarm.joint,
-                alarm.drift.fell,
-                alarm.drift.size,
-                alarm.drift.std,
-                alarm.drift.since_ns,
-                alarm.sure,
-                alarm.sentence,
-            )
-            for alarm in learner.wear.alarms
+            WearFinding(one.joint, d.fell, d.size, d.std, d.since_ns, one.sure, one.sentence)
+            for one in learner.wear.alarms
+            for d in (one.drift,)
         ),
     )
 
@@ -212,7 +198,6 @@ class ReplayReport(EnergyReport, name="replay"):
 def replay_report(
     result: Replay, change: str | None = None, compared_with: ReplayReport | None = None
 ) -> ReplayReport:
-    """Return all figures of a replay."""
     account, topics = result.account, result.topics
     learner = result.pipeline.condition
     temperature = result.pipeline.friction.latest().motor_temperature_degc[0].tolist()
@@ -321,7 +306,6 @@ def _inputs(result: Replay) -> dict[str, InputAccount]:
 
 
 def _notes(result: Replay) -> list[str]:
-    """What a reader should know before trusting the figures."""
     notes: list[str] = []
     account, topics = result.account, result.topics
     if not topics.meter:

@@ -89,7 +89,6 @@ class AccountStore(SlotStore[AccountRecord]):
 
     @property
     def keeps(self) -> bool:
-        """Whether there is a folder to keep the account in."""
         return self._slots is not None
 
     @property
@@ -111,12 +110,10 @@ class AccountStore(SlotStore[AccountRecord]):
 
     @property
     def busy(self) -> bool:
-        """Whether the disk is at work."""
         return self._pending is not None
 
     @property
     def folder(self) -> Path | None:
-        """Where the state files lie."""
         return None if self._slots is None else self._slots.folder
 
     def poll(self) -> bool | None:
@@ -138,7 +135,6 @@ class AccountStore(SlotStore[AccountRecord]):
         return self.begin() and bool(self._finish(patience))
 
     def require(self) -> None:
-        """Refuse changes to an account that is not the robot's."""
         if not self.loaded:
             raise RegisterError(
                 "the registers of this robot have not been read yet",

@@ -78,7 +78,6 @@ _LINE = re.compile(
 
 
 def wrap(version: int, sequence: int, payload: bytes) -> bytes:
-    """Return the content of a state file."""
     if len(payload) > MAX_BYTES:
         raise StateFileError(f"a state of {len(payload)} bytes", f"at most {MAX_BYTES}")
     line = f"{MAGIC} version={version} sequence={sequence} bytes={len(payload)}".encode()
@@ -200,7 +199,6 @@ class SlotPair(Generic[T]):
 
     @property
     def held(self) -> bool:
-        """Whether this process is the writer."""
         return self._lock is not None
 
     def release(self) -> None:
@@ -410,7 +408,6 @@ class SlotStore(ABC, Generic[T]):
             self._finish(patience)
 
     def _finish(self, patience: float | None) -> bool | None:
-        """Wait for the work under way, and take its result."""
         if self._pending is not None:
             wait([self._pending], patience)
         return self.poll()

@@ -1,4 +1,4 @@
-"""Stamps: which are in range, in order and new, and where the time between two is a gap.
+"""Stamps: which are in range, in order and new, and how far they may lie from the newest one.
 
 ``builtin_interfaces/Time`` holds seconds as int32 and nanoseconds as uint32, so a message
 can carry stamps that no message can carry again: nanoseconds beyond one second, and
@@ -9,15 +9,17 @@ refused where it enters, so that nothing behind the entry has to test it again.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Annotated, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.timeline.blocks import NANOSECOND, Block, Int, differences
+from robot_energy.timeline.blocks import NANOSECOND, Block, Int
 
 if TYPE_CHECKING:
     from robot_energy.timeline.streams import EpochSplitter
@@ -34,14 +36,12 @@ RANGE = "from 1970 to 2038, with nanoseconds below one second"  # for the text o
 BAD_STAMP = "bad_stamp"  # the reason under which such messages are counted
 OLDER = "older_stamp"  # the reason under which messages that come too late are counted
 BACKWARD_JUMP_NS = SECOND_NS  # older than this starts a new epoch, less is a late sample
-HISTORY = 31  # periods behind the median
-GAP_PERIODS = 5
-MIN_GAP_NS = SECOND_NS // 10
 MAX_GAP_NS = SECOND_NS
 MIN_PERIOD_NS = 50_000  # 20 kHz: quicker than any driver
-MIN_PERIODS = 10  # that make a period usual
 BY_PERIOD = 0.0  # as max_gap: five median periods, 0.1 s to 1 s
 MIN_MAX_GAP, MAX_MAX_GAP = 0.001, 60.0  # any other max_gap [s]
+MIN_CONFIRMATIONS = 3  # messages in a row that make a jump of the stamps
+SLOW_CONFIRMATIONS = 2  # the same of a state that is held, where a false jump costs little
 B = TypeVar("B", bound=Block)
 
 
@@ -136,95 +136,6 @@ def first_needed(times_ns: Int, oldest_ns: int) -> int:
     return max(int(np.searchsorted(times_ns, oldest_ns, side="right")) - 1, 0)
 
 
-class StampOrder:
-    """Numbers the segments of one stream of accepted stamps.
-
-    A segment ends where the stamps step back, which is a new epoch, and at every gap, that is
-    where they step by more than ``max_gap``.
-
-    Args:
-        max_gap: Longest step that is not a gap; 0: five median periods, but at least 0.1 s and at
-            most 1 s. [s]
-    """
-
-    def __init__(self, max_gap: float = BY_PERIOD) -> None:
-        self.jumps = 0
-        self.gaps = 0
-        self.segment = 0
-        self._fixed_ns = round(checked_max_gap(max_gap) / NANOSECOND)
-        self._last: int | None = None
-        self._interrupted = False
-        self._periods: Int = np.empty(0, dtype=np.int64)
-
-    @property
-    def longest_gap_ns(self) -> int:
-        """Longest time between two samples that would not be a gap now. [ns]"""
-        return self._longest(self._periods)
-
-    @property
-    def usual_period_ns(self) -> int | None:
-        """Median step of the newest stamps, gaps included; None before there are a few. [ns]"""
-        return int(np.median(self._periods)) if len(self._periods) >= MIN_PERIODS else None
-
-    @property
-    def gap_share(self) -> float:
-        """Share of the newest steps that are gaps. [-]"""
-        if not len(self._periods):
-            return 0.0
-        return float((self._periods > self.longest_gap_ns).mean())
-
-    def interrupt(self) -> None:
-        """End the running segment here: what comes next follows a gap, however short."""
-        self._interrupted = self._last is not None
-
-    def segments(self, stamp_ns: Int, broken: NDArray[np.bool_] | None = None) -> Int:
-        """Return the segment number of each accepted sample, shape (N,).
-
-        Args:
-            stamp_ns: Accepted stamps, shape (N,). [ns]
-            broken: Samples before which something is missing, whatever the stamps say,
-                shape (N,); None for none.
-        """
-        if not len(stamp_ns):
-            return np.empty(0, dtype=np.int64)
-        before = stamp_ns[0] if self._last is None else self._last
-        elapsed = differences(stamp_ns, int(before))
-        known = len(self._periods)
-        first = known + (1 if self._last is None else 0)  # the first sample has no period
-        periods = np.concatenate(
-            [self._periods, elapsed if self._last is not None else elapsed[1:]]
-        )
-        new = elapsed < 0
-        self.jumps += int(new.sum())
-        for row in np.flatnonzero(elapsed > (self._fixed_ns or MIN_GAP_NS)).tolist():
-            index = known + row - (first - known)
-            if elapsed[row] > self._longest(periods[max(0, index - HISTORY) : index]):
-                new[row] = True
-                self.gaps += 1
-        if self._interrupted:
-            self._interrupted = False
-            if not new[0]:
-                new[0] = True
-                self.gaps += 1
-        if broken is not None:
-            self.gaps += int((broken & ~new).sum())
-            new |= broken
-        segment = self.segment + np.cumsum(new)
-        self.segment = int(segment[-1])
-        self._last = int(stamp_ns[-1])
-        self._periods = periods[-HISTORY:]
-        return segment
-
-    def _longest(self, history: Int) -> int:
-        if self._fixed_ns:
-            return self._fixed_ns
-        positive = history[history > 0]
-        if not len(positive):
-            return MAX_GAP_NS
-        median = float(np.median(positive))
-        return int(np.clip(GAP_PERIODS * median, MIN_GAP_NS, MAX_GAP_NS))
-
-
 class ReorderBuffer(Generic[B]):
     """Puts messages of one kind into the order of their stamps.
 
@@ -287,6 +198,71 @@ class ReorderBuffer(Generic[B]):
         held = self.held
         self.restart()
         return None if held is None else held[np.argsort(held.stamp_ns, kind="stable")]
+
+
+class Reach(Described):
+    """How far a stamp may lie from the newest one of its stream and still continue it."""
+
+    ahead_ns: int = SECOND_NS // 10
+    max_ahead_ns: Annotated[
+        int, "At most, where the stream is slow: five median periods count. [ns]"
+    ] = SECOND_NS
+    behind_ns: Annotated[int, "Less than this behind it: late, not another time. [ns]"] = SECOND_NS
+    prompt: Annotated[
+        bool,
+        "The first message counts at once, as it does of a state that is latched; otherwise it "
+        "waits for the second.",
+    ] = False
+    patient: Annotated[bool, "Whether jumps that follow each other quickly need more messages."] = (
+        True
+    )
+    confirmations: Annotated[int, "Messages in a row that make a jump of the stamps."] = (
+        MIN_CONFIRMATIONS
+    )
+
+
+SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
+
+
+def slow_reach(stale_ns: int) -> Reach:
+    """Return the reach of a state that changes slowly and is held until it is stale."""
+    return Reach(
+        SLOW_NS,
+        max(SLOW_NS, stale_ns // 2),
+        SLOW_NS,
+        prompt=True,
+        confirmations=SLOW_CONFIRMATIONS,
+    )
+
+
+@dataclass
+class EpochRun:
+    """Messages that belong together.
+
+    Attributes:
+        rows: Their numbers; None for all that were given, when none was held before.
+        new_epoch: Whether the stamps jumped back before them.
+        restless: Whether they did so within a second after another jump, as they do when
+            two clocks take turns.
+        rising: Whether it is known that each stamp is newer than all before.
+        first_ns: Stamp of the first of them that arrived, once their blocks are known. [ns]
+    """
+
+    rows: list[int] | None = field(default_factory=list[int])
+    new_epoch: bool = False
+    restless: bool = False
+    rising: bool = False
+    first_ns: int = 0
+
+
+class Sorted(Described):
+    """What became of messages. Rows count those that were held first, then those given."""
+
+    runs: list[EpochRun]
+    strays: list[int] = field(default_factory=list[int])
+    held: Annotated[
+        list[int], "Rows that wait for later messages; the caller puts them before the next ones."
+    ] = field(default_factory=list[int])
 
 
 def sentence_of(

@@ -1,4 +1,4 @@
-"""Messages of one stream: cut at the jumps of their stamps into epochs, without outliers, in order.
+"""Messages of one stream: epochs between jumps of the stamps, segments between gaps, no outliers.
 
 The same for every stream: joint states, temperatures, friction, torque, meters.
 """
@@ -6,90 +6,121 @@ The same for every stream: joint states, temperatures, friction, torque, meters.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Generic
+from typing import Generic
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.timeline.blocks import Int, differences
-from robot_energy.timeline.stamps import B, ReorderBuffer
+from robot_energy.timeline.blocks import NANOSECOND, Int, differences
+from robot_energy.timeline.stamps import (
+    BY_PERIOD,
+    MAX_GAP_NS,
+    MIN_CONFIRMATIONS,
+    B,
+    EpochRun,
+    Reach,
+    ReorderBuffer,
+    Sorted,
+    checked_max_gap,
+)
 
 STRAY_STAMP = "stray_stamp"  # the reason under which outliers are counted
 HISTORY = 31  # periods behind the median
+GAP_PERIODS = 5
+MIN_GAP_NS = SECOND_NS // 10
+MIN_PERIODS = 10  # that make a period usual
 REACH_PERIODS = 5
-MIN_CONFIRMATIONS = 3  # messages in a row that make a jump of the stamps
-SLOW_CONFIRMATIONS = 2  # the same of a state that is held, where a false jump costs little
 MAX_CONFIRMATIONS = 8  # the same while two clocks take turns
 MAX_PAUSE_NS = 60 * SECOND_NS  # between the first message of all and the second
 FIRST_PIECE = 16  # messages that are looked at one by one before all others at once
 RESTLESS_MESSAGES = 8  # a jump after fewer messages than this is not a reset but another clock
 
 
-class Reach(Described):
-    """How far a stamp may lie from the newest one of its stream and still continue it."""
+class StampOrder:
+    """Numbers the segments of one stream of accepted stamps.
 
-    ahead_ns: int = SECOND_NS // 10
-    max_ahead_ns: Annotated[
-        int, "At most, where the stream is slow: five median periods count. [ns]"
-    ] = SECOND_NS
-    behind_ns: Annotated[int, "Less than this behind it: late, not another time. [ns]"] = SECOND_NS
-    prompt: Annotated[
-        bool,
-        "The first message counts at once, as it does of a state that is latched; otherwise it "
-        "waits for the second.",
-    ] = False
-    patient: Annotated[bool, "Whether jumps that follow each other quickly need more messages."] = (
-        True
-    )
-    confirmations: Annotated[int, "Messages in a row that make a jump of the stamps."] = (
-        MIN_CONFIRMATIONS
-    )
+    A segment ends where the stamps step back, which is a new epoch, and at every gap, that is
+    where they step by more than ``max_gap``.
 
-
-SLOW_NS = 5 * SECOND_NS  # temperatures move little in this
-
-
-def slow_reach(stale_ns: int) -> Reach:
-    """Return the reach of a state that changes slowly and is held until it is stale."""
-    return Reach(
-        SLOW_NS,
-        max(SLOW_NS, stale_ns // 2),
-        SLOW_NS,
-        prompt=True,
-        confirmations=SLOW_CONFIRMATIONS,
-    )
-
-
-@dataclass
-class EpochRun:
-    """Messages that belong together.
-
-    Attributes:
-        rows: Their numbers; None for all that were given, when none was held before.
-        new_epoch: Whether the stamps jumped back before them.
-        restless: Whether they did so within a second after another jump, as they do when
-            two clocks take turns.
-        rising: Whether it is known that each stamp is newer than all before.
-        first_ns: Stamp of the first of them that arrived, once their blocks are known. [ns]
+    Args:
+        max_gap: Longest step that is not a gap; 0: five median periods, but at least 0.1 s and at
+            most 1 s. [s]
     """
 
-    rows: list[int] | None = field(default_factory=list[int])
-    new_epoch: bool = False
-    restless: bool = False
-    rising: bool = False
-    first_ns: int = 0
+    def __init__(self, max_gap: float = BY_PERIOD) -> None:
+        self.jumps = 0
+        self.gaps = 0
+        self.segment = 0
+        self._fixed_ns = round(checked_max_gap(max_gap) / NANOSECOND)
+        self._last: int | None = None
+        self._interrupted = False
+        self._periods: Int = np.empty(0, dtype=np.int64)
 
+    @property
+    def longest_gap_ns(self) -> int:
+        """Longest time between two samples that would not be a gap now. [ns]"""
+        return self._longest(self._periods)
 
-class Sorted(Described):
-    """What became of messages. Rows count those that were held first, then those given."""
+    @property
+    def usual_period_ns(self) -> int | None:
+        """Median step of the newest stamps, gaps included; None before there are a few. [ns]"""
+        return int(np.median(self._periods)) if len(self._periods) >= MIN_PERIODS else None
 
-    runs: list[EpochRun]
-    strays: list[int] = field(default_factory=list[int])
-    held: Annotated[
-        list[int], "Rows that wait for later messages; the caller puts them before the next ones."
-    ] = field(default_factory=list[int])
+    @property
+    def gap_share(self) -> float:
+        """Share of the newest steps that are gaps. [-]"""
+        if not len(self._periods):
+            return 0.0
+        return float((self._periods > self.longest_gap_ns).mean())
+
+    def interrupt(self) -> None:
+        """End the running segment here: what comes next follows a gap, however short."""
+        self._interrupted = self._last is not None
+
+    def segments(self, stamp_ns: Int, broken: NDArray[np.bool_] | None = None) -> Int:
+        """Return the segment number of each accepted sample, shape (N,).
+
+        Args:
+            stamp_ns: Accepted stamps, shape (N,). [ns]
+            broken: Samples before which something is missing, whatever the stamps say,
+                shape (N,); None for none.
+        """
+        if not len(stamp_ns):
+            return np.empty(0, dtype=np.int64)
+        before = stamp_ns[0] if self._last is None else self._last
+        elapsed = differences(stamp_ns, int(before))
+        first = int(self._last is None)  # the first sample has no period
+        known, periods = len(self._periods), np.concatenate([self._periods, elapsed[first:]])
+        new = elapsed < 0
+        self.jumps += int(new.sum())
+        for row in np.flatnonzero(elapsed > (self._fixed_ns or MIN_GAP_NS)).tolist():
+            index = known + row - first
+            if elapsed[row] > self._longest(periods[max(0, index - HISTORY) : index]):
+                new[row] = True
+                self.gaps += 1
+        if self._interrupted:
+            self._interrupted = False
+            if not new[0]:
+                new[0] = True
+                self.gaps += 1
+        if broken is not None:
+            self.gaps += int((broken & ~new).sum())
+            new |= broken
+        segment = self.segment + np.cumsum(new)
+        self.segment = int(segment[-1])
+        self._last = int(stamp_ns[-1])
+        self._periods = periods[-HISTORY:]
+        return segment
+
+    def _longest(self, history: Int) -> int:
+        if self._fixed_ns:
+            return self._fixed_ns
+        positive = history[history > 0]
+        if not len(positive):
+            return MAX_GAP_NS
+        median = float(np.median(positive))
+        return int(np.clip(GAP_PERIODS * median, MIN_GAP_NS, MAX_GAP_NS))
 
 
 class EpochSplitter:
@@ -121,23 +152,19 @@ class EpochSplitter:
         self.behind = 0
         self.behind_ns = 0
         self.first_off_ns = 0
-        self.newest_ns: int | None = None
         self._reach = reach or Reach()
+        self._periods: Int = np.empty(0, dtype=np.int64)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget where the stream was and what waits, as after an error; counts are kept."""
+        self.newest_ns: int | None = None
         self._begin_ns = 0  # first stamp since the last jump
         self._accepted = 0  # messages since then
         self._sure = False  # whether a second message has continued the first
         self._begun = 0  # messages given out without that
         self._needed = self._reach.confirmations
-        self._periods: Int = np.empty(0, dtype=np.int64)
         self._held: list[int] = []  # stamps that wait; the first message too while not sure
-
-    def restart(self) -> None:
-        """Forget where the stream was and what waits, as after an error; counts are kept."""
-        self.newest_ns = None
-        self._begin_ns = self._accepted = self._begun = 0
-        self._sure = False
-        self._needed = self._reach.confirmations
-        self._held = []
 
     @property
     def beginning(self) -> bool:

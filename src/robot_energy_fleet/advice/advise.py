@@ -23,22 +23,24 @@ from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.base import model_used
 from robot_energy.timeline.blocks import NANOSECOND, MeterLocation
 from robot_energy_fleet.advice.claims import (
-    LONG_REST,
     Claim,
+    of_all,
     regenerative,
     shared_bus,
     standby,
     waiting_pose,
     warm_up,
 )
-from robot_energy_fleet.advice.dataset_evidence import (
+from robot_energy_fleet.advice.evidence import (
+    LONG_REST,
     MIN_BAGS,
+    MIN_REST,
+    EvidenceSums,
+    RecordedEvidence,
     SampledBag,
     dataset_evidence,
     evenly,
-    of_all,
 )
-from robot_energy_fleet.advice.evidence import MIN_REST, EvidenceSums, RecordedEvidence
 from robot_energy_fleet.options import AdviseOptions
 from robot_energy_fleet.results.advice import Advice, AdviceBasis, AdviceReport
 from robot_energy_fleet.tables import is_history
@@ -53,11 +55,7 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    path: str,
-    evidence: RecordedEvidence,
-    model: RobotModel,
-    options: ReplayOptions,
-    named: str,
+    path: str, evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions, named: str
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
@@ -191,7 +189,15 @@ def advise(
     else:
         each = [_recorded(path, used, problems, options) for path in paths]
         names = [str(path) for path in paths]
-        rows, more = given_once(names, [_content(one) for one in each])
+        # equal for the same recording, wherever the bag lies
+        contents = [
+            (
+                *(one.start_ns, one.end_ns, one.observed_time, one.grid_energy),
+                one.motion_time.tobytes(),
+            )
+            for one in each
+        ]
+        rows, more = given_once(names, contents)
         paths, each = [paths[row] for row in rows], [each[row] for row in rows]
         names = [names[row] for row in rows]
         notes += [*more, *overlaps(names, [(one.start_ns, one.end_ns) for one in each])]
@@ -318,16 +324,7 @@ def _recorded(
     return found
 
 
-def _content(evidence: RecordedEvidence) -> tuple[object, ...]:
-    """Equal for the same recording, wherever the bag lies."""
-    span = evidence.start_ns, evidence.end_ns, evidence.observed_time
-    return *span, evidence.grid_energy, evidence.motion_time.tobytes()
-
-
-def _basis(
-    evidence: RecordedEvidence,
-    options: AdviseOptions,
-) -> AdviceBasis:
+def _basis(evidence: RecordedEvidence, options: AdviseOptions) -> AdviceBasis:
     span = 0.0
     if evidence.start_ns is not None and evidence.end_ns is not None:
         span = (evidence.end_ns - evidence.start_ns) * NANOSECOND

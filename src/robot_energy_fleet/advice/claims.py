@@ -8,6 +8,7 @@ A saving is ``S = sum over the recording of (power now - power with the change) 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -21,6 +22,8 @@ from robot_energy.timeline.blocks import Float, Int
 from robot_energy_fleet.advice.evidence import (
     DEGC_MIDDLES,
     DEMAND_BINS,
+    LONG_REST,
+    MIN_BAGS,
     RecordedEvidence,
     RecordedRest,
 )
@@ -29,7 +32,8 @@ from robot_energy_plan.optimization.deviations import FORM_FED_BACK
 from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
 from robot_energy_report.formats import percent, watt_hours
 
-LONG_REST = 60.0  # s; from here on the drives are left on for nothing
+STUDENT = {3: 2.920, 4: 2.353, 5: 2.132}
+"""95 % quantile of Student's t by number of bags; fewer than three say nothing of their spread."""
 NIGHT = 3600.0  # s; a rest as long as that is a night or a break in production
 REGENERATION = (0.9, 0.05)  # share that a regenerative supply returns, assumed; its deviation
 FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as a share of it
@@ -52,21 +56,13 @@ class Claim(Described):
     name: str
     energy: Annotated[float, "Saved, positive where it is less. [J]"]
     columns: Annotated[Float, "Its change with the error of each figure, shape (K,). [J]"]
-    sure: Annotated[
-        str, "``measured``, ``predicted`` or ``assumed``: what the saving rests on at worst."
-    ]
+    sure: Annotated[str, "``measured``, ``predicted`` or ``assumed``: what it rests on."]
     found: str
     change: str
     command: Annotated[str, "Next command; empty where there is none."] = ""
-    joint_position: Annotated[
-        Float | None, "Where to wait, shape (n,); None for other changes. [rad] or [m]"
-    ] = None
-    places: Annotated[
-        Float | None, "Of the waits that count, shape (P, n); None for other changes. [rad] or [m]"
-    ] = None
-    motor_temperature_degc: Annotated[
-        Float | None, "Of the warm robot, shape (n,); None for other changes. [degC]"
-    ] = None
+    joint_position: Annotated[Float | None, "Where to wait, shape (n,). [rad] or [m]"] = None
+    places: Annotated[Float | None, "Of the waits that count, shape (P, n). [rad] or [m]"] = None
+    motor_temperature_degc: Annotated[Float | None, "Of the warm robot, shape (n,). [degC]"] = None
     state: Annotated[RestState | None, "In which to rest; None for other changes."] = None
 
     @property
@@ -88,8 +84,10 @@ def standby(
     chain = _chain(model, evidence)
     brakes = chain.rests(long[0].joint_position[None, :], holding=False)
     held = np.array([rest.energy / rest.duration for rest in long])
-    offset, metered = _offset(long)
+    compared = sum(rest.compared_time for rest in long)
+    metered = compared >= MIN_COMPARED
     if metered:
+        offset = sum(rest.measured - rest.predicted for rest in long) / compared
         lower = float(brakes.energy[0]) + offset
         common = np.zeros_like(brakes.columns[0])
         held += offset
@@ -330,14 +328,6 @@ def _chain(model: RobotModel, evidence: RecordedEvidence) -> PowerChain:
     return PowerChain(model, degc[None, :])
 
 
-def _offset(rests: Sequence[RecordedRest]) -> tuple[float, bool]:
-    """Measured less predicted power at rest [W], and whether it is known."""
-    time = sum(rest.compared_time for rest in rests)
-    if time < MIN_COMPARED:
-        return 0.0, False
-    return sum(rest.measured - rest.predicted for rest in rests) / time, True
-
-
 def _places(rests: Sequence[RecordedRest]) -> tuple[Int, Float]:
     """Place of each rest, shape (R,), and joint positions there, shape (P, n)."""
     positions: list[Float] = []
@@ -352,3 +342,42 @@ def _places(rests: Sequence[RecordedRest]) -> tuple[Int, Float]:
             positions.append(rest.joint_position)
         place.append(near[0] if near else len(positions) - 1)
     return np.array(place, dtype=np.int64), np.array(positions)
+
+
+def of_all(
+    claims: Sequence[Claim | None], time: Sequence[float], whole: float, bags: int
+) -> Claim | None:
+    """Return what a change saves in all bags, from what it saves in some.
+
+    ``S = T sum_i S_i / sum_i t_i``. Errors of the model are common to the bags, so their standard
+    deviations add up; the spread between the bags is that of a ratio of n of N bags,
+    ``T^2 (1 - n/N) n/(n - 1) sum_i (S_i - r t_i)^2 / (sum_i t_i)^2`` with ``r = S / T``.
+
+    Args:
+        time: Predicted of each bag. [s]
+        whole: Predicted of all. [s]
+
+    Returns:
+        The claim; None where no bag has one, or only one or two of more were looked at.
+    """
+    found = [one for one in claims if one is not None]
+    count = len(claims)
+    if not found or count < min(MIN_BAGS, bags):
+        return None
+    saved = np.array([0.0 if one is None else one.energy for one in claims])
+    taken = np.asarray(time)
+    scale = whole / float(taken.sum())
+    rate = float(saved.sum() / taken.sum())
+    spread = 0.0
+    if count < bags:
+        variance = (1.0 - count / bags) * count / (count - 1) * ((saved - rate * taken) ** 2).sum()
+        spread = scale * np.sqrt(variance) * STUDENT[count] / Z90
+    common = scale * sum(one.half for one in found) / Z90
+    most = max(found, key=lambda one: one.energy)
+    return replace(
+        most,
+        energy=scale * float(saved.sum()),
+        columns=np.array([common, spread]),
+        found=f"in {len(found)} of {count} analysed bags, of {bags} in all; where it saves most: "
+        f"{most.found}",
+    )

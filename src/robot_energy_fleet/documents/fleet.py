@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from datetime import UTC, datetime
 from typing import Any
@@ -68,30 +68,34 @@ def energy_of_robots(robots: Sequence[RobotEnergy], path: Target) -> None:
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
 
-def friction_by_temperature(curves: Sequence[FrictionCurve], path: Target) -> None:
-    """Draw friction against the model over the motor temperature, one panel for each joint."""
+def friction_against_model(curves: Sequence[FrictionCurve], path: Target, weekly: bool) -> None:
+    """Draw friction against the model, one panel for each joint.
 
-    def draw(axes: Any, curve: FrictionCurve) -> None:
-        _drawn(axes, curve.degc, (curve.low, curve.middle, curve.high), curve.robots, curve.by_degc)
-
-    _grid(curves, path, draw, "motor temperature [degC]")
-
-
-def friction_by_week(curves: Sequence[FrictionCurve], path: Target) -> None:
-    """Draw friction against the model over time, at equal temperature and speed.
-
-    Arguments as in `friction_by_temperature`.
+    Over the motor temperature, or over time at equal temperature and speed.
     """
-
-    def draw(axes: Any, curve: FrictionCurve) -> None:
-        dates = [datetime.fromtimestamp(one / SECOND_NS, UTC) for one in curve.weeks_ns]
-        middle = (curve.week_low, curve.week_middle, curve.week_high)
-        _drawn(axes, dates, middle, curve.robots, curve.by_week)
-        ticks = dates[:: max(1, len(dates) // 3)]
-        axes.set_xticks(ticks)
-        axes.set_xticklabels([f"{one:%b %d}" for one in ticks])
-
-    _grid(curves, path, draw, "week, its middle")
+    names = [curve.joint for curve in curves]
+    labels = "week, its middle" if weekly else "motor temperature [degC]", "friction / model"
+    with panels(path, names, (2.8, 1.9), (0.5, 0.5), labels, PANELS) as (_, grid):
+        for axes, curve in zip(grid, curves, strict=True):
+            x: Any = curve.degc
+            spread, lines = (curve.low, curve.middle, curve.high), curve.by_degc
+            if weekly:
+                x = [datetime.fromtimestamp(one / SECOND_NS, UTC) for one in curve.weeks_ns]
+                spread = curve.week_low, curve.week_middle, curve.week_high
+                lines = curve.by_week
+            low, median, high = (np.array(values, dtype=np.float64) for values in spread)
+            axes.fill_between(x, low, high, color=COLOURS["predicted"], alpha=0.15, linewidth=0)
+            axes.plot(x, median, color=COLOURS["predicted"])
+            named = zip(curve.robots[:MAX_LINES], lines[:MAX_LINES], strict=True)
+            for number, (robot, values) in enumerate(named, 1):
+                known, colour = np.array(values, dtype=np.float64), SERIES[number % len(SERIES)]
+                axes.plot(x, known, "o-", color=colour, markersize=3, label=robot)
+            if weekly:
+                ticks = x[:: max(1, len(x) // 3)]
+                axes.set_xticks(ticks, [f"{one:%b %d}" for one in ticks])
+            axes.axhline(1.0, color="#9a9a9a", linewidth=0.8)
+            if curve.robots:
+                axes.legend(loc="best")
 
 
 def error_by_temperature(errors: Sequence[ModelError], path: Target) -> None:
@@ -108,31 +112,6 @@ def error_by_temperature(errors: Sequence[ModelError], path: Target) -> None:
         axes.axhline(0.0, color="#9a9a9a", linewidth=0.8)
         axes.set_xlabel("mean motor temperature of a bag [degC]")
         axes.set_ylabel("predicted -\nmeasured [%]")
-
-
-def _grid(
-    curves: Sequence[FrictionCurve],
-    path: Target,
-    draw: Callable[[Any, FrictionCurve], None],
-    label: str,
-) -> None:
-    names, labels = [curve.joint for curve in curves], (label, "friction / model")
-    with panels(path, names, (2.8, 1.9), (0.5, 0.5), labels, PANELS) as (_, grid):
-        for axes, curve in zip(grid, curves, strict=True):
-            draw(axes, curve)
-            axes.axhline(1.0, color="#9a9a9a", linewidth=0.8)
-            if curve.robots:
-                axes.legend(loc="best")
-
-
-def _drawn(axes: Any, x: Any, middle: Any, robots: Sequence[str], lines: Any) -> None:
-    low, median, high = (np.array(values, dtype=np.float64) for values in middle)
-    axes.fill_between(x, low, high, color=COLOURS["predicted"], alpha=0.15, linewidth=0)
-    axes.plot(x, median, color=COLOURS["predicted"])
-    named = zip(robots[:MAX_LINES], lines[:MAX_LINES], strict=True)
-    for colour, (robot, values) in enumerate(named, 1):
-        known = np.array(values, dtype=np.float64)
-        axes.plot(x, known, "o-", color=SERIES[colour % len(SERIES)], markersize=3, label=robot)
 
 
 HOUR = 3600.0  # s
@@ -372,14 +351,14 @@ def _friction(report: FleetReport, page: Document) -> None:
     with page.only("page"):
         page.heading("Friction against the model")
         page.figure(
-            lambda path: friction_by_temperature(by_degc, path),
+            lambda path: friction_against_model(by_degc, path, weekly=False),
             "Measured friction torque over that of the model, by mean motor temperature of a "
             "bag: median of the robots, the middle eight tenths of them, and the first six robots "
             "to look at.",
         )
         if by_week:
             page.figure(
-                lambda path: friction_by_week(by_week, path),
+                lambda path: friction_against_model(by_week, path, weekly=True),
                 "The same over time, at equal temperature and speed.",
             )
 

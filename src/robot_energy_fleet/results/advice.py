@@ -11,16 +11,9 @@ class AdviceBasis(Result):
     recordings: Annotated[int, "Number of recordings."]
     recorded_time: Annotated[float, "Predicted time of all robots together. [s]"]
     recorded_energy: Annotated[float, "Energy from the grid in that time. [J]"]
-    hours_per_day: Annotated[
-        Number,
-        "Hours of such work a day, all robots together; None if neither given nor recorded. [h]",
-    ]
-    days_per_year: Annotated[
-        Number, "Days of such work a year; None if neither given nor recorded. [1]"
-    ]
-    duty: Annotated[
-        Number, "Share of the recorded time outside of rests; in bags these last 1 s or more. [-]"
-    ]
+    hours_per_day: Annotated[Number, "Hours of such work a day, all robots; None: not known. [h]"]
+    days_per_year: Annotated[Number, "Days of such work a year; None: not given nor recorded. [1]"]
+    duty: Annotated[Number, "Share of the time outside of rests, of 1 s or more in bags. [-]"]
     price_per_kwh: Annotated[Number, "Price of a kWh; None if none was given. [currency/kWh]"]
     currency: Annotated[str, "Currency of the price."]
     co2_kg_per_kwh: Annotated[Number, "Emission factor; None if none was given. [kg/kWh]"]
@@ -42,9 +35,7 @@ class Advice(Result):
     claimed: Annotated[bool, "Whether the saving is larger than its band."]
     energy_per_hour: Annotated[float, "Saved in an hour of such work. [J]"]
     half_per_hour: Annotated[float, "Half width of the 90 % band of that. [J]"]
-    energy_per_year: Annotated[
-        Number, "Saved in a year; None where hours or days are not known. [J]"
-    ]
+    energy_per_year: Annotated[Number, "Saved in a year; None if hours or days are not known. [J]"]
     half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     cost_per_year: Annotated[Number, "Cost saved in a year; None without a price. [currency]"]
     co2_per_year: Annotated[Number, "Emission saved in a year; None without a factor. [kg]"]
@@ -68,12 +59,8 @@ class AdviceReport(Result, name="advice"):
     advice: Annotated[tuple[Advice, ...], "What is claimed, the largest saving first."]
     unproven: Annotated[tuple[Advice, ...], "Savings that are smaller than their own uncertainty."]
     without: Annotated[Texts, "What these recordings do not show, and why, one sentence each."]
-    energy_per_hour: Annotated[
-        float, "Saved in an hour by all that is claimed and does not overlap. [J]"
-    ]
-    half_per_hour: Annotated[
-        float, "Half width of its 90 % band: the sum of all, as they rest on one model. [J]"
-    ]
+    energy_per_hour: Annotated[float, "Saved in an hour by all claims that do not overlap. [J]"]
+    half_per_hour: Annotated[float, "Half width of its 90 % band: the sum of all bands. [J]"]
     energy_per_year: Annotated[Number, "The same in a year; None where that is not known. [J]"]
     half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     counted: Annotated[Texts, "Names of the advice in that sum."]

@@ -45,9 +45,7 @@ class RobotEnergy(Result):
     bags: Annotated[int, "Number of bags read."]
     observed_time: Annotated[float, "Predicted time. [s]"]
     grid_energy: Annotated[float, "From the grid, predicted. [J]"]
-    measured_energy: Annotated[
-        Number, "By the meter, over the compared time; None without one. [J]"
-    ]
+    measured_energy: Annotated[Number, "By the meter, over the compared time; None: no meter. [J]"]
     error: Annotated[Number, "Predicted over measured energy minus 1, over the compared time. [-]"]
     jobs: Annotated[int, "Number of jobs."]
     standby_time: Annotated[float, "At rest with drives on, a minute or more at a time. [s]"]
@@ -102,14 +100,10 @@ class FleetFinding(Result):
         "on; ``energy``: its jobs need more or less.",
     ]
     subject: Annotated[str, "Joint or programme; empty for the whole robot."]
-    size: Annotated[
-        float, "Change or difference: relative; of a payload [kg], of standby [h] a day."
-    ]
+    size: Annotated[float, "Change or difference: relative; payload [kg], standby [h] a day."]
     std: Annotated[Number, "Its standard deviation, in the same unit."]
     certainty: Annotated[float, "Probability that it is not chance, of all comparisons. [-]"]
-    since_ns: Annotated[
-        int | None, "When a change began; None where nothing is known of it. [ns since 1970]"
-    ]
+    since_ns: Annotated[int | None, "When a change began; None: not known. [ns since 1970]"]
     sentence: Annotated[str, "The same in words."]
 
 
@@ -118,29 +112,16 @@ class FrictionCurve(Result):
 
     joint: Annotated[str, "Its name."]
     degc: Annotated[tuple[float, ...], "Motor temperatures. [degC]"]
-    middle: Annotated[
-        tuple[Number, ...],
-        "Median of the robots at each temperature; None where fewer than three were seen. [-]",
-    ]
+    middle: Annotated[tuple[Number, ...], "Median of the robots; None: fewer than three. [-]"]
     low: Annotated[tuple[Number, ...], "A tenth of the robots lie below. [-]"]
     high: Annotated[tuple[Number, ...], "A tenth of the robots lie above. [-]"]
-    robots: Annotated[
-        Texts, "Names of those whose curves follow: the ones with a finding on this joint."
-    ]
-    by_degc: Annotated[
-        tuple[tuple[Number, ...], ...],
-        "Measured over model friction of each of these, at the same temperatures. [-]",
-    ]
+    robots: Annotated[Texts, "Names of those with a finding on this joint: their curves follow."]
+    by_degc: Annotated[tuple[tuple[Number, ...], ...], "Measured over model friction of each. [-]"]
     weeks_ns: Annotated[tuple[int, ...], "Middle of each week. [ns since 1970]"]
-    week_low: Annotated[
-        tuple[Number, ...], "Over time at equal temperature: a tenth of the robots lie below. [-]"
-    ]
+    week_low: Annotated[tuple[Number, ...], "Over time: a tenth of the robots lie below. [-]"]
     week_middle: Annotated[tuple[Number, ...], "Median of the robots. [-]"]
     week_high: Annotated[tuple[Number, ...], "A tenth lie above. [-]"]
-    by_week: Annotated[
-        tuple[tuple[Number, ...], ...],
-        "Measured over model friction of each of these in each week, at equal temperature. [-]",
-    ]
+    by_week: Annotated[tuple[tuple[Number, ...], ...], "The same of each week. [-]"]
 
 
 class FleetReport(Result, name="fleet_report"):
@@ -166,12 +147,8 @@ class FleetReport(Result, name="fleet_report"):
     friction: Annotated[tuple[FrictionCurve, ...], "Of each joint, in the order of the model."]
     comparisons: Annotated[int, "Number of kinds of figures by which robots were compared."]
     compared_with_sisters: Annotated[int, "Number of robots with enough sisters and bags for that."]
-    compared_with_before: Annotated[
-        int, "Number of robots with enough bags to be compared with their own past."
-    ]
-    not_compared: Annotated[
-        Texts, "How many robots could not be compared, and what that needs, one sentence each."
-    ]
+    compared_with_before: Annotated[int, "Number of robots compared with themselves before."]
+    not_compared: Annotated[Texts, "How many robots could not be compared, and what that needs."]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]
 
 
@@ -180,9 +157,7 @@ class FleetTorqueScore(Result):
 
     joint: Annotated[str, "Its name."]
     rms: Annotated[float, "RMS error of the friction torque. [N m]"]
-    rms_before: Annotated[
-        float, "The same with the friction of the model that the bags were run with. [N m]"
-    ]
+    rms_before: Annotated[float, "The same with the model that the bags were run with. [N m]"]
     energy_error: Annotated[Number, "Predicted over measured friction energy minus 1. [-]"]
     energy_error_before: Annotated[Number, "The same with that model. [-]"]
 
@@ -195,8 +170,5 @@ class FleetFriction(Result, name="fleet_friction"):
     robots: Annotated[int, "Number of robots used."]
     axes: Annotated[tuple[FrictionFit, ...], "Friction of each joint."]
     refused: Annotated[Texts, "Why other joints could not be identified, one sentence each."]
-    held_out: Annotated[
-        tuple[FleetTorqueScore, ...],
-        "Errors on a fifth of the bags, from a time that the fit has not seen.",
-    ]
+    held_out: Annotated[tuple[FleetTorqueScore, ...], "Errors on the newest fifth of the bags."]
     left_out: Annotated[Texts, "Robots whose friction differs from that of their sisters."]

@@ -28,8 +28,6 @@ from robot_energy_identify.refused_recordings import (
 from robot_energy_identify.run_all import usable_effort
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
-NEVER_GUESSED = "the effort of a driver is never guessed"
-
 
 @dataclass(frozen=True)
 class BagSource:
@@ -89,7 +87,7 @@ class BagSource:
                 if self.inputs
                 else "it is not said what the effort means",
                 f"an effort, one of {', '.join(EFFORTS)}",
-                NEVER_GUESSED,
+                "the effort of a driver is never guessed",
             )
         found = self.recordings(model)
         check_signs(found, meaning)
@@ -104,20 +102,17 @@ class BagSource:
 
     def channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         """Return evenly sampled motion and torque of each recording by its name."""
-        found = self._channels(model)
-        give_back_freed_memory()  # of the recordings, which take more than their motion
-        return found
-
-    def _channels(self, model: RobotModel) -> dict[str, list[Channels]]:
         recordings = self.with_effort(model)
         seconds = motion_time(recordings, len(recordings))
         found: dict[str, list[Channels]] = {}
         rate: float | None = None
-        for bag, part in zip(self.lazy(model, None)[0], recordings, strict=True):
-            motion = replace(bag, kept=Kept(part)).motion(model, seconds)
-            sampled = channels_of(motion, rate)
+        for bag in self.lazy(model, None)[0]:
+            kept = Kept(recordings.pop(0))  # which takes more than its motion
+            sampled = channels_of(replace(bag, kept=kept).motion(model, seconds), rate)
             rate = sampled[0].rate
             found[str(bag.path) if bag.name in found else bag.name] = sampled
+            del kept
+        give_back_freed_memory()
         return found
 
     def lazy(
@@ -125,11 +120,7 @@ class BagSource:
     ) -> tuple[list[Bag], str]:
         """Return the bags as identification reads them again and again, in parts.
 
-        Args:
-            drive_power: Where the bags have the power of each drive, if they have.
-
-        Returns:
-            The bags, and why their effort cannot be used; empty if it can, or was not stated.
+        Also why their effort cannot be used; empty if it can, or was not stated.
         """
         meaning, read = self.meaning()
         refused = usable_effort(model, meaning)

@@ -29,9 +29,9 @@ from robot_energy_identify.results.evaluation import (
     ModelScore,
     RecordingScore,
     ScoreSums,
+    TorqueErrorSums,
     seen_in_fit,
 )
-from robot_energy_identify.stats.torque_errors import TorqueErrorSums
 
 LONGER = 5.0 * Settings.derivative_window  # window of accelerations that is tried as well [s]
 WINDOW = "longer window"

@@ -15,8 +15,15 @@ from robot_energy.replay.setup import ModelName, model_of
 from robot_energy.results.base import Result
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource
-from robot_energy_identify.auxiliary.readings import outlet_readings, own_readings, read_loads
-from robot_energy_identify.auxiliary.states import LoadsFit, fit_outlet, fit_own, with_states
+from robot_energy_identify.auxiliary import (
+    LoadsFit,
+    fit_outlet,
+    fit_own,
+    outlet_readings,
+    own_readings,
+    read_loads,
+    with_states,
+)
 from robot_energy_identify.cabinet.supply import fit_supply
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.data.bags import BagFacts, Kept, Span, facts, folds_of

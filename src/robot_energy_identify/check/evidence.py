@@ -56,23 +56,14 @@ class Remarks(Described):
     """What the stages of the monitor noticed while the recording ran through them."""
 
     problems: Annotated[tuple[str, ...], "Of the bag, one sentence each."] = ()
-    temperatures: Annotated[
-        tuple[str, ...] | None, "Of the motor temperatures; None where no topic brings any."
-    ] = None
-    stuck: Annotated[
-        tuple[str, ...],
-        "Joints whose temperature stood still while their losses must have warmed it.",
-    ] = ()
+    temperatures: Annotated[tuple[str, ...] | None, "Of temperatures; None without a topic."] = None
+    stuck: Annotated[tuple[str, ...], "Joints whose temperature stands although losses warm."] = ()
     meter: tuple[str, ...] = ()
     effort_factors: Annotated[
         Mapping[EffortMeaning, tuple[float, float]],
-        "Factor of measured over body torque and their correlation, for each meaning of the "
-        "effort; see `EffortCheck.factors`.",
+        "Measured over body torque and correlation, by meaning; see `EffortCheck.factors`.",
     ] = field(default_factory=dict[EffortMeaning, tuple[float, float]])
-    stream: Annotated[
-        tuple[JointStateProblem, ...],
-        "What is wrong with stamps and publishers of the joint states.",
-    ] = ()
+    stream: Annotated[tuple[JointStateProblem, ...], "What is wrong with stamps, publishers."] = ()
     refused: Annotated[
         Mapping[str, float], "Share of the joint states that were refused, by reason. [-]"
     ] = field(default_factory=dict[str, float])
@@ -90,33 +81,22 @@ class Evidence(Described):
     segment: Annotated[Int, "Stretches without gaps, shape (N,)."]
     position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
     velocity: Annotated[Float, "Shape (N, n). [rad/s] or [m/s]"]
-    acceleration: Annotated[
-        Float, "Shape (N, n); NaN without a full derivative window. [rad/s^2] or [m/s^2]"
-    ]
+    acceleration: Annotated[Float, "NaN without a full window, shape (N, n). [rad/s^2] or [m/s^2]"]
     motor_torque: Annotated[Float, "Measured, shape (N, n); NaN where unknown. [N m]"]
     temperature_degc: Annotated[Float, "Motor temperatures that were used, shape (N, n). [degC]"]
     moving: Annotated[NDArray[np.bool_], "Which samples of which joint move, shape (N, n)."]
-    supply: Annotated[SupplyBlock | None, "Predicted powers of every sample; None without any."] = (
-        None
-    )
-    shaft_power: Annotated[
-        Float | None,
-        "Measured torque times motor velocity of every sample of ``supply``, shape (M, n); NaN "
-        "where unknown. [W]",
-    ] = None
+    supply: Annotated[SupplyBlock | None, "Predicted powers of every sample."] = None
+    shaft_power: Annotated[Float | None, "Measured, rows of `supply`, shape (M, n). [W]"] = None
     meter: Annotated[MeterBlock | None, "Readings of the meter; None without one."] = None
     beyond_torque: Annotated[
-        Mapping[str, str],
-        "Joints that need more than their torque limit too often, one sentence by name.",
+        Mapping[str, str], "Joints beyond their torque limit too often, a sentence each."
     ] = field(default_factory=dict[str, str])
     remarks: Annotated[Remarks, "What the stages of the monitor noticed."] = field(
         default_factory=Remarks
     )
     inputs: Annotated[Inputs, "How the recording was read."] = field(default_factory=Inputs)
     name: Annotated[str, "Of the recording, where it is one of several."] = ""
-    derived: Annotated[
-        bool, "Whether velocities come from the positions, so that both say the same."
-    ] = False
+    derived: Annotated[bool, "Whether velocities come from the positions."] = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -180,11 +160,8 @@ def evidence_of(
 ) -> Evidence:
     """Return the evidence in what the stages of the monitor gave.
 
-    Args:
-        power: Of the same samples, of some of them, or None.
-        inputs: How the recording was read; None: as the types of its topics say.
-        carried: Payload in force at the end; None: that of the model.
-        beyond_torque: As in `Evidence`; None: from these samples.
+    The power may be of some of the samples; the payload carried at the end is that of the model
+    where it is None, and joints beyond their torque limit are counted from these samples.
     """
     robot, drivetrain = Robot.from_model(model), Drivetrain.from_model(model)
     if beyond_torque is None:
@@ -232,11 +209,7 @@ def evidence_of(
 
 
 def joined(parts: Sequence[Evidence]) -> Evidence:
-    """Return recordings of one robot as one, of at most as many samples as three.
-
-    Args:
-        parts: Thinned, with one model and payload; at least one.
-    """
+    """Return thinned recordings of one robot and payload as one, of as many samples as three."""
     parts = [one.rows(slice(None, None, -(-len(parts) // 3))) for one in parts]
     columns = {name: np.concatenate([getattr(one, name) for one in parts]) for name in BY_SAMPLE}
     return replace(parts[0], **columns)
@@ -256,16 +229,10 @@ def moving(model: RobotModel, stamps: Int, velocity: Float) -> NDArray[np.bool_]
 
 
 def velocity_noise(stamps: Int, velocity: Float) -> Float:
-    """Return the noise of each joint's velocity, in its unit, NaN with too few samples, shape (n,).
+    """Return the noise of each joint's velocity, NaN with too few samples, as in `moving`, (n,).
 
-    It is from the quietest stretches, at rest or at constant speed.
-
-    The standard deviation about a straight line within windows of a quarter of a second, of
-    which the lowest twentieth counts.
-
-    Args:
-        stamps: Rising, shape (N,). [ns]
-        velocity: Shape (N, n). [rad/s] or [m/s]
+    It is from the quietest stretches, at rest or at constant speed: the standard deviation about a
+    straight line within windows of a quarter of a second, of which the lowest twentieth counts.
     """
     unknown = np.full(velocity.shape[1], np.nan)
     if len(stamps) < 2:

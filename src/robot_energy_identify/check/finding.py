@@ -1,4 +1,4 @@
-"""What a check of a recording found: cause, evidence in a number, and what mends it."""
+"""What a check of a recording finds, and its result."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import field
 from typing import Annotated
 
 from robot_energy.foundation.described import Described
+from robot_energy.results.base import Result
 
 ERROR = "error"
 WARNING = "warning"
@@ -24,26 +25,19 @@ class Finding(Described):
     """One thing that does not fit, or that cannot be known from the recording."""
 
     cause: Annotated[
-        str,
-        "Name of the cause, such as ``torque_sign``; stable, for programs. That of a note on what "
-        "cannot be judged begins with ``unjudged.``.",
+        str, "Such as ``torque_sign``; stable. If it cannot be judged it begins with ``unjudged.``."
     ]
-    severity: Annotated[
-        str, "``error``: figures are wrong; ``warning``: they may be; ``note``: for reading."
-    ]
+    severity: Annotated[str, "``error``: figures are wrong; ``warning``: they may be; ``note``."]
     subject: Annotated[tuple[str, ...], "Joint names, ``meter``, ``temperature`` or ``payload``."]
     sentence: Annotated[str, "What was found, with the evidence in numbers."]
     evidence: Annotated[
         float, "The number behind it, in the unit that the sentence states; NaN where it has none."
     ] = float("nan")
     remedy: Annotated[str, "The line of YAML that mends it, or the action; may be empty."] = ""
-    remedy_in: Annotated[
-        str, "The file that the line of YAML belongs to; empty where ``remedy`` is an action."
-    ] = ""
+    remedy_in: Annotated[str, "The file of the line of YAML; empty for an action."] = ""
     alternatives: Annotated[
         tuple[str, ...],
-        "Other causes that explain the recording as well, so that none is blamed; ``bodies`` for "
-        "masses and centres that are further off than the model says.",
+        "Causes that explain it as well; ``bodies``: further off than the model says.",
     ] = ()
 
 
@@ -68,3 +62,9 @@ def unjudged(cause: str, subject: tuple[str, ...], what: str, why: str) -> Findi
     """Return a note that a recording cannot show a mistake; of all joints without a subject."""
     sentence = f"cannot be judged from this recording: {what} ({why})"
     return Finding(UNJUDGED + cause, NOTE, subject, sentence)
+
+
+class CheckReport(Result, name="check"):
+    """Findings of recordings with one model."""
+
+    recordings: Annotated[tuple[CheckResult, ...], "One for each."]

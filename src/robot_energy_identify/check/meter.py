@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 
 from robot_energy.accounting.meter_response import MeterResponse
+from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
@@ -33,18 +34,12 @@ TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil sh
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
 
-class MeterLag(NamedTuple):
-    """How far the readings of a meter are behind the joint states.
+class MeterLag(Described):
+    """How far the readings of a meter are behind the joint states."""
 
-    Attributes:
-        lag: Negative for readings that are ahead. [s]
-        gain: Share of what is left unexplained that the lag takes away. [-]
-        shown: Whether that is enough for a lag.
-    """
-
-    lag: float
-    gain: float
-    shown: bool
+    lag: Annotated[float, "Negative for readings that are ahead. [s]"]
+    gain: Annotated[float, "Share of what is left unexplained that it takes away. [-]"]
+    shown: Annotated[bool, "Whether that is enough for a lag."]
 
 
 def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Finding], str]:
@@ -182,10 +177,10 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
     found = f"correct {wrong[0]} first" if wrong else _lag_of(evidence, time, measured)
     if isinstance(found, str):
         return [unjudged("meter_clock", ("meter",), "the clock of the meter", found)]
-    lag, gain, shown = found
+    lag, gain = found.lag, found.gain
     stated = MeterResponse.of(evidence.model) or MeterResponse()
     late = lag - stated.time_constant - stated.delay
-    if min(abs(lag), abs(late)) < MIN_LAG or not shown:
+    if min(abs(lag), abs(late)) < MIN_LAG or not found.shown:
         return []
     return [
         Finding(

@@ -62,17 +62,12 @@ def _last_link(evidence: Evidence) -> str:
     return "" if child is None else child.get("link", "")
 
 
-def carried_payload(
+def _carried(
     evidence: Evidence, mass: float, std: float, moment: Float
 ) -> tuple[Payload, ...] | None:
-    """Return the payload of the robot with a body added at its last link.
+    """The payload with a body of ``mass`` [kg] and ``moment`` [kg m] added at the last link.
 
     None if it would be surely less than nothing, or if nothing would change.
-
-    Args:
-        mass: More than in the model. [kg]
-        std: Standard deviation of it. [kg]
-        moment: Its mass times its centre, in the frame of the last link, shape (3,). [kg m]
     """
     robot, carried, last = evidence.robot, evidence.robot.payload, _last_link(evidence)
     link = carried[-1].link if carried else last
@@ -80,9 +75,9 @@ def carried_payload(
     at, turn = robot.link_pose(rest, link)
     last_at, last_turn = robot.link_pose(rest, last)
     moments = turn.T @ (last_turn @ moment + (last_at - at) * mass)
-    total = mass
+    total, inertia = mass, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if carried:
-        total += carried[-1].mass
+        total, inertia = total + carried[-1].mass, carried[-1].inertia
         moments = moments + carried[-1].mass * np.asarray(carried[-1].centre_of_mass)
     others = tuple(body for body in carried[:-1] if body.link != link)
     total = round(total, 2)
@@ -91,7 +86,6 @@ def carried_payload(
     if total <= 0.0 or np.max(np.abs(moments)) > FARTHEST * total:
         return None
     x, y, z = (round(float(value), 3) for value in moments / total)
-    inertia = carried[-1].inertia if carried else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     body = Payload(link=link, mass=total, centre_of_mass=(x, y, z), inertia=inertia, tag="assumed")
     return (*others, body)
 
@@ -107,9 +101,7 @@ class Cause(Described):
     std: Annotated[float, "Standard deviation of ``value``; NaN where it is a choice."] = float(
         "nan"
     )
-    choice: Annotated[
-        str, "What it should be instead, in words; empty where ``value`` says it."
-    ] = ""
+    choice: Annotated[str, "What it should be instead; empty where ``value`` says it."] = ""
     payload: Annotated[tuple[Payload, ...], "What the robot carries instead."] = ()
 
 
@@ -305,7 +297,7 @@ def _payloads(fit: TorqueFit) -> Iterator[Cause]:
     mass, std = float(free.values[own][0]), float(free.std[own][0])
     if not abs(mass) > SURE * std:
         return
-    carried = carried_payload(fit.evidence, mass, std, free.values[own][1:4])
+    carried = _carried(fit.evidence, mass, std, free.values[own][1:4])
     if carried is None:
         return
 

@@ -68,9 +68,7 @@ TORQUE, METER = "torque", "power meter"
 class Checks(Described):
     """What the checks of a recording found."""
 
-    findings: Annotated[
-        dict[str, list[Finding]], "By name of the check, in the order in which their causes act."
-    ]
+    findings: Annotated[dict[str, list[Finding]], "By name of the check, as causes act."]
     skipped: Annotated[dict[str, str], "Checks that were not made, with what they lack."]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:

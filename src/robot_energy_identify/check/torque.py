@@ -72,27 +72,13 @@ class Found(Described):
     """A cause, or several of which each explains the recording."""
 
     cause: Annotated[Cause, "The likeliest."]
-    links: Annotated[
-        tuple[int, ...],
-        "Whose bodies explain it as well, if they are further off than their priors.",
-    ]
+    links: Annotated[tuple[int, ...], "Whose bodies explain it, if further off than their priors."]
     alternatives: Annotated[tuple[Cause, ...], "Other causes that do."]
     fit: Annotated[TorqueFit, "Of the recording with it."]
 
 
-class SearchResult(Described):
-    """Causes of a recording, and what it cannot show."""
-
-    found: Annotated[tuple[Found, ...], "The strongest first."]
-    last: Annotated[TorqueFit, "The recording without the causes."]
-    unseen: Annotated[
-        tuple[Cause, ...], "Causes that change too little to be named if they were there."
-    ]
-    payload: Annotated[float, "The least mass that would be found; infinite for none. [kg]"]
-
-
-def search(fit: TorqueFit) -> SearchResult:
-    """Return the causes, the strongest first, and what cannot be seen."""
+def search(fit: TorqueFit) -> tuple[list[Found], TorqueFit, list[Cause]]:
+    """Return the causes, the strongest first, the recording without them, and what is not seen."""
     found: list[Found] = []
     while True:
         likely = [cause for cause in candidates(fit) if worth_a_fit(cause, fit)]
@@ -116,18 +102,18 @@ def search(fit: TorqueFit) -> SearchResult:
         if alternatives or links:
             break
         fit = corrected
-    return SearchResult(tuple(found), fit, tuple(_unseen_causes(fit, tried)), _least_payload(fit))
+    return found, fit, _unseen_causes(fit, tried)
 
 
 def _least_payload(fit: TorqueFit) -> float:
-    """The least mass that would be found, as the cost rises with its square. [kg]"""
+    """The least mass that would be found, as the cost rises with its square; else inf. [kg]"""
     robot = fit.evidence.robot
     mass = 0.05 * robot.moving_mass
     heavier = replace(fit.evidence, robot=robot.with_payload(more_payload(fit.evidence, mass)))
     rise = TorqueFit(heavier).cost - fit.cost
-    return (
-        max(MIN_MASS, mass * float(np.sqrt((NEEDED + 2 * FREE) / rise))) if rise > 1.0 else np.inf
-    )
+    if rise <= 1.0:
+        return np.inf
+    return max(MIN_MASS, mass * float(np.sqrt((NEEDED + 2 * FREE) / rise)))
 
 
 def _same(one: Cause, other: Cause) -> bool:
@@ -175,8 +161,7 @@ def _unseen_causes(fit: TorqueFit, tried: list[tuple[Cause, TorqueFit]]) -> list
 def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[list[Finding], str]:
     """Return findings on the torque against the model, and why there cannot be any.
 
-    Args:
-        parts: Each of them, thinned: what makes one of them less likely is not blamed.
+    What makes one of the ``parts``, thinned, less likely is not blamed.
     """
     if evidence.effort is EffortMeaning.NONE:
         why = f"the meaning of the effort is not stated: set {EFFORT}"
@@ -186,24 +171,23 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
     fit = TorqueFit(evidence.thinned())
     if not fit.known.any():
         return [], f"no joint has {LEAST} with an acceleration"
-    result = search(fit)
+    found, last, unseen = search(fit)
     alone = [TorqueFit(part) for part in parts]
     findings = [
-        _finding(evidence, one, result.last)
-        for one in result.found
+        _finding(evidence, one, last)
+        for one in found
         if not any(fit_without(one.cause, part).cost > part.cost + ALIKE for part in alone)
     ]
-    findings += _poor(evidence, result.last)
-    findings += _source(evidence, result.last)
-    findings += _unseen(evidence, result)
-    unknown = [
-        name for name, known in zip(evidence.names, result.last.known, strict=True) if not known
-    ]
+    findings += [*_poor(evidence, last), *_source(evidence, last), *_unseen(evidence, unseen)]
+    least = _least_payload(last)
+    sentence = f"a payload that is off by less than {least:.2g} kg would not be found"
+    if np.isinf(least):
+        sentence = "cannot be judged from this recording: the payload (it moves no measured joint)"
+    findings.append(Finding(UNJUDGED + "payload", NOTE, ("payload",), sentence, least))
+    unknown = tuple(np.array(evidence.names)[~last.known].tolist())
     if unknown:
-        why = f"less than {LEAST}"
-        findings.append(
-            unjudged("torque", tuple(unknown), f"the torque of {', '.join(unknown)}", why)
-        )
+        what, why = f"the torque of {', '.join(unknown)}", f"less than {LEAST}"
+        findings.append(unjudged("torque", unknown, what, why))
     return findings, ""
 
 
@@ -325,9 +309,10 @@ def _poor(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
     """Joints whose torque no single cause explains, by more than the model's Coulomb friction."""
     coulomb = [joint.friction.coulomb.value for joint in evidence.model.joints]
     share = fit.errors.unexplained
+    rms = np.sqrt(share * fit.variance)  # of what no error explains, motor side [N m]
     poor = {
         evidence.names[j]: float(share[j])
-        for j in np.flatnonzero((share > POOR) & (fit.unexplained_rms > coulomb)).tolist()
+        for j in np.flatnonzero((share > POOR) & (rms > coulomb)).tolist()
     }
     if poor:
         text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in poor.items())
@@ -359,10 +344,10 @@ def _source(evidence: Evidence, fit: TorqueFit) -> Iterator[Finding]:
     yield Finding("effort_source", NOTE, (), words, share)
 
 
-def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
+def _unseen(evidence: Evidence, unseen: Sequence[Cause]) -> Iterator[Finding]:
     """One note for each kind of mistake that this recording cannot show, with its joints."""
     for name, what in WHAT.items():
-        causes = [cause for cause in result.unseen if cause.name == name]
+        causes = [cause for cause in unseen if cause.name == name]
         if not causes:
             continue
         joints = sorted({joint for cause in causes for joint in cause.joints})
@@ -376,8 +361,3 @@ def _unseen(evidence: Evidence, result: SearchResult) -> Iterator[Finding]:
         size = SIZE.get(name, "a mistake")
         why = f"{size} changes the torque by no more than the uncertainty of the model"
         yield unjudged(name, subject, what.format(", ".join(dict.fromkeys(which))), why)
-    if np.isfinite(result.payload):
-        sentence = f"a payload that is off by less than {result.payload:.2g} kg would not be found"
-    else:
-        sentence = "cannot be judged from this recording: the payload (it moves no measured joint)"
-    yield Finding(UNJUDGED + "payload", NOTE, ("payload",), sentence, result.payload)

@@ -85,28 +85,18 @@ class Bodies(Described):
 class Errors(Described):
     """Most likely errors under given priors."""
 
-    cost: Annotated[
-        float, "Minus twice the logarithm of the marginal likelihood, but for a constant."
-    ]
+    cost: Annotated[float, "Minus twice the logarithm of the marginal likelihood, less a constant."]
     values: Annotated[Float, "Of each column, in its unit."]
     std: Annotated[Float, "Their standard deviations."]
-    unexplained: Annotated[
-        Float, "Share of each joint's torque variance, shape (n,); NaN where unknown."
-    ]
+    unexplained: Annotated[Float, "Of each joint's variance, shape (n,); NaN where unknown. [-]"]
     surprise: Annotated[
-        float,
-        "Squares of the errors of bodies, zeros and gains over their priors, summed, per one of "
-        "them that the recording determines. [-]",
+        float, "Squared errors of bodies, zeros, gains over priors, per one determined. [-]"
     ]
     freedom: Annotated[float, "Part of the cost that is the logarithm of the determinant."]
 
 
 class TorqueFit:
-    """The columns of one recording, summed up as products.
-
-    Args:
-        bodies: Of the same motion and robot, where they are known.
-    """
+    """The columns of one recording, summed up as products; its bodies may be known."""
 
     def __init__(self, evidence: Evidence, bodies: Bodies | None = None) -> None:
         self.evidence, n = evidence, len(evidence.names)
@@ -123,7 +113,7 @@ class TorqueFit:
         self._not_negative = np.zeros(at, dtype=np.bool_)
         self._products: dict[int, Float] = {}
         self._columns: dict[int, tuple[NDArray[np.bool_], Float]] = {}  # rows, without target
-        self._variance, self._independent = np.full((2, n), np.nan)
+        self.variance, self._independent = np.full((2, n), np.nan)  # of each torque [(N m)^2]
         self._fill(n)
 
     def _fill(self, n: int) -> None:
@@ -186,7 +176,7 @@ class TorqueFit:
             columns = np.stack([*(own[name][0] for name in OWN), target - known[rows, j]], axis=1)
             block = np.concatenate([shared[rows, j], columns], axis=1)
             self._products[j], self._columns[j] = block.T @ block / len(turn), (rows, block[:, :-1])
-            self._variance[j] = variance
+            self.variance[j] = variance
             self._independent[j] = min(motion[j] / CORRELATION_TIME, MAX_INDEPENDENT)
 
     def _body_priors(self, own: Float) -> Float:
@@ -200,20 +190,13 @@ class TorqueFit:
     @property
     def known(self) -> NDArray[np.bool_]:
         """Which joints are judged, shape (n,)."""
-        return np.isfinite(self._variance)
-
-    @property
-    def unexplained_rms(self) -> Float:
-        """Torque that no error explains, motor side, shape (n,). [N m]"""
-        return np.sqrt(self.errors.unexplained * self._variance)
+        return np.isfinite(self.variance)
 
     def rough_cost(self, evidence: Evidence) -> float:
-        """Return about the cost of the recording as corrected, with the columns of this one.
+        """Return about the cost of evidence with the same torque in other motion, rather too high.
 
-        Rather too high. A hundredth of the work of a fit, it shows what is not worth one.
-
-        Args:
-            evidence: With the same torque in other motion.
+        With the columns of this one it is a hundredth of the work of a fit, and shows what is not
+        worth one.
         """
         torque = evidence.robot.joint_torque(*evidence.motion)
         rest = evidence.motor_torque - _known(evidence, torque)[2]
@@ -296,7 +279,7 @@ class TorqueFit:
             places[j] = self._places(j)
             std = np.append(prior[places[j]], 1.0)
             scaled[j] = product * np.multiply.outer(std, std)
-        noise = {j: 0.1 * float(self._variance[j]) for j in scaled}
+        noise = {j: 0.1 * float(self.variance[j]) for j in scaled}
         matrix, values = np.eye(width), np.zeros(width)
         for _ in range(3):
             matrix, right = np.eye(width), np.zeros(width)
@@ -308,10 +291,10 @@ class TorqueFit:
             for j, product in scaled.items():
                 with_target = np.append(-values[places[j]], 1.0)
                 left = float(with_target @ product @ with_target)
-                noise[j] = max(left, 0.0) + FLOOR * float(self._variance[j])
+                noise[j] = max(left, 0.0) + FLOOR * float(self.variance[j])
         unexplained = np.full(n, np.nan)
         for j, left in noise.items():
-            unexplained[j] = left / self._variance[j]
+            unexplained[j] = left / self.variance[j]
         covariance = np.linalg.inv(matrix)
         determined = 1.0 - np.diagonal(covariance)
         judged = slice(0, self.groups["gain"].stop)

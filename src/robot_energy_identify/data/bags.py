@@ -42,11 +42,7 @@ YEAR_2000 = 946_684_800_000_000_000  # ns: stamps before it are not dates
 
 
 class Kept:
-    """A bag that was read, and what later models and folds ask of it again.
-
-    Attributes:
-        rows: Of the dynamics, see `robot_energy_identify.data.observations.observe`.
-    """
+    """A bag that was read, what later models and folds ask of it again, and rows of dynamics."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
@@ -74,11 +70,7 @@ class Kept:
         self._newest = self.recording
 
     def piece(self, span: Span, read: Callable[[], Recording]) -> MotionBlock:
-        """Return the motion in a part of the bag with every sample, which is read once.
-
-        Args:
-            read: Reads it with the model of the recording.
-        """
+        """Return the motion in a part of the bag with every sample, which is read once."""
         if span not in self._pieces:
             self._pieces[span] = read().motion
         return self._pieces[span]
@@ -89,21 +81,13 @@ class Bag(Described):
 
     path: Path
     effort: EffortMeaning = EffortMeaning.NONE
-    inputs: Annotated[
-        Inputs | None, "What the inputs of a live monitor are, to read the bag in the same way."
-    ] = None
+    inputs: Annotated[Inputs | None, "Of the live monitor as which it is read."] = None
     drive_power: MeasuredDrivePower | None = None
     spans: Annotated[tuple[Span, ...], "Stretches that count. [ns]"] = (EVER,)
-    meter_delay: Annotated[
-        float, "Of the power meter behind the joint states, undone when read. [s]"
-    ] = 0.0
-    meter_time_constant: Annotated[
-        float, "Of a low pass in the power meter, undone when read. [s]"
-    ] = 0.0
+    meter_delay: Annotated[float, "Of the meter behind the joint states, undone. [s]"] = 0.0
+    meter_time_constant: Annotated[float, "Of a low pass in the meter, undone. [s]"] = 0.0
     sensors: SensorLimits = DEFAULT_LIMITS
-    most: Annotated[
-        float, "Samples of it that are kept, see `robot_energy_identify.data.thinned`."
-    ] = MOST
+    most: Annotated[float, "Samples that are kept, see `Thinned`."] = MOST
     kept: Annotated[
         Kept | None, "The bag as it was read; None: it is read again with each model."
     ] = field(default=None, repr=False)
@@ -195,12 +179,8 @@ class BagFacts(Described):
     date: Annotated[str, "Of its first sample, empty where stamps are not dates."]
     duration: Annotated[float, "From first to last sample. [s]"]
     rate: Annotated[float, "Median of the samples. [Hz]"]
-    range_degc: Annotated[
-        tuple[float, float] | None, "Of all motor temperatures; None if there is none. [degC]"
-    ]
-    effort: Annotated[
-        EffortMeaning, "What the effort is; NONE if it was not stated, or no sample has one."
-    ]
+    range_degc: Annotated[tuple[float, float] | None, "Of all motors; None where unknown. [degC]"]
+    effort: Annotated[EffortMeaning, "What it is; NONE if not stated, or never measured."]
     meter: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
     readings: Annotated[int, "Of the meter."]
     drives: Annotated[bool, "Whether the power of the drives is measured."]
@@ -272,11 +252,7 @@ class Fold(Described):
 
 
 def blocks_of(span: Span) -> tuple[list[Span], int]:
-    """Return the blocks of a recording that are held out in turn, and the time around each. [ns]
-
-    Args:
-        span: First and last stamp. [ns]
-    """
+    """Return the blocks of a span that are held out in turn, and the time around each. [ns]"""
     start, end = span
     edges = np.linspace(0, end - start, FOLDS + 1).astype(np.int64).tolist()
     guard = round(min(GUARD / NANOSECOND, (end - start) / (4 * FOLDS)))
@@ -286,15 +262,10 @@ def blocks_of(span: Span) -> tuple[list[Span], int]:
 def folds_of(
     bags: Sequence[Bag], tests: Sequence[Bag], spans: Sequence[Span]
 ) -> tuple[HeldOutKind, list[Fold]]:
-    """Decide what is held out.
+    """Return what is held out, by kind, and the folds.
 
-    Args:
-        tests: Bags for the test alone; may be empty.
-        spans: First and last stamp of each bag of the fit. [ns]
-
-    Returns:
-        ``test`` where there are such bags, ``recordings`` where there are several, else
-        ``blocks``; and the folds.
+    ``test`` where bags are for the test alone, ``recordings`` where there are several, else blocks
+    of the span, from first to last stamp [ns], of the only one.
     """
     if tests:
         require_distinct([bag.path for bag in bags], [bag.path for bag in tests])

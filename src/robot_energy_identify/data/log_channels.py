@@ -10,7 +10,7 @@ from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.model import RobotModel, validate
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.timeline.stamps import StampOrder
+from robot_energy.timeline.streams import StampOrder
 from robot_energy_identify.data.signals import Channels, stretches
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import LogMapping
@@ -19,9 +19,7 @@ from robot_energy_logs.mapping import LogMapping
 def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:
     """Return a model with what a mapping says; all else is zero, assumed, to be identified.
 
-    Args:
-        mapping: With ``robot``: URDF and gear ratios.
-        folders: Where the URDF may lie: the folder of the data, that of the mapping.
+    The folders are those where the URDF of its ``robot`` may lie.
     """
     robot = mapping.robot
     if robot is None:

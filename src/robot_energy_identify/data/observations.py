@@ -35,14 +35,10 @@ class Filters(Described):
 
     cutoff: Annotated[float, "Of both sides of the equation. [Hz]"] = 10.0
     motion_cutoff: Annotated[
-        float,
-        "Of positions and torques before differentiating, at most a fifth of the recording's "
-        "rate. [Hz]",
+        float, "Of positions and torques before, at most a fifth of the recording's rate. [Hz]"
     ] = 100.0
     standing_velocity: Annotated[
-        float,
-        "Joint speed below which nothing counts as moving: friction is then anything up to its "
-        "Coulomb value. [rad/s] or [m/s]",
+        float, "Of a joint; below it friction is undetermined. [rad/s] or [m/s]"
     ] = 0.02
 
 
@@ -52,10 +48,7 @@ class Observations(Described):
     names: tuple[str, ...]
     regressor: Annotated[Float, "Torque per unit of each parameter, shape (N, n, P)."]
     joint_torque: Annotated[Float, "Measured, payload taken off, shape (N, n). [N m] or [N]"]
-    used: Annotated[
-        NDArray[np.bool_],
-        "Rows of each joint that are fitted: not standing, not at an end, shape (N, n).",
-    ]
+    used: Annotated[NDArray[np.bool_], "Rows to fit: not standing, not at an end, shape (N, n)."]
     compared: Annotated[NDArray[np.bool_], "Rows away from the ends, standing or not, shape (N,)."]
     segment: Annotated[Int, "Which stretch of the recording a row is of, shape (N,)."]
     rate: Annotated[float, "Rows per second. [Hz]"]
@@ -116,13 +109,10 @@ def observe(
     filters: Filters,
     seen: Rows | None = None,
 ) -> Observations:
-    """Return the rows of recorded channels, in the order of the recording.
+    """Return the rows of recorded channels without gaps, of one rate, in the order of recording.
 
-    Args:
-        channels: Stretches of the recording without gaps, one rate for all.
-        torque_model: Of the robot; its payload is known and taken off the torque.
-        seen: What was made of the same motion of the same robot, and is not made again; more is
-            added. None: nothing.
+    The payload is known and taken off the torque. Rows of the same motion of the same robot that
+    were ``seen`` are not made again; more are added.
     """
     made: Rows = {} if seen is None else seen
     known = set(made)

@@ -77,16 +77,11 @@ class Recording(Described):
     path: Path
     model: RobotModel
     torque: Annotated[TorqueBlock, "Motion, rigid-body torque and measured torque of every sample."]
-    power: Annotated[
-        PowerBlock, "Temperature, bus power and phase of the same samples, row by row."
-    ]
+    power: Annotated[PowerBlock, "Temperature, bus power and phase, row by row as ``torque``."]
     meter: MeterBlock | None
     origin: Annotated[str, "Where the recording comes from, as its writer said."]
     problems: tuple[str, ...]
-    known: Annotated[
-        tuple[Compared, ...] | None,
-        "What was compared already; None: computed when it is asked for.",
-    ] = None
+    known: Annotated[tuple[Compared, ...] | None, "What was compared; None: when asked for."] = None
     limits: MeterLimits = field(default_factory=MeterLimits)
     replay: Annotated[Replay | None, "The replay that gave it, with its accounting."] = field(
         default=None, repr=False
@@ -94,9 +89,7 @@ class Recording(Described):
     sensors: SensorLimits = DEFAULT_LIMITS
     temperatures: Annotated[TemperatureBlock | None, "As they came, for another model."] = None
     every: Annotated[int, "Of how many samples of the recording one is kept."] = 1
-    response: Annotated[
-        MeterResponse | None, "Of the meter that its readings are compared with."
-    ] = None
+    response: Annotated[MeterResponse | None, "Of the meter that is compared with."] = None
 
     def __len__(self) -> int:
         return len(self.torque)
@@ -185,25 +178,17 @@ class Recording(Described):
         )
 
     def with_meter_earlier(self, delay: float, time_constant: float = 0.0) -> Recording:
-        """Return the recording with delay and low pass of its meter undone, compared again.
-
-        Args:
-            delay: Of the readings behind the joint states. [s]
-            time_constant: Of the low pass. [s]
-        """
+        """Return the recording with its meter undone, compared again; figures as in `undone`."""
         if (delay == 0.0 and time_constant == 0.0) or self.meter is None:
             return self
         meter = undone(self.meter, delay, time_constant)
         return replace(self, meter=meter, response=MeterResponse(), known=None)
 
     def with_model(self, model: RobotModel) -> Recording:
-        """Return the recording as another model of the same robot sees it.
+        """Return the recording as a model of the same joints, gears and torque constants sees it.
 
         Motion, measured torque, temperatures and meter are those of the recording; the torque of
         the bodies and all that follows from it are computed again.
-
-        Args:
-            model: Of the same joints, gears and torque constants.
         """
         if model is self.model:
             return self
@@ -357,13 +342,10 @@ def read_recording(
     most: float = MOST,
     time_range: TimeRange | None = None,
 ) -> Recording:
-    """Run a bag through the stages and keep its samples, of a long one every second, fourth, ...
+    """Return a bag run through the stages, of a long one every second sample, fourth, ...
 
     Args:
         most: Samples that are kept, about 0.7 kB each for six joints. [-]
-
-    Returns:
-        The recording, whose memory does not grow with its length.
     """
     kept = Thinned(most)
     settings = Settings(effort=effort, power_period=None, deviations=False)

@@ -39,13 +39,12 @@ class Channels(Described):
 def later(values: Float, rate: float, delay: float) -> Float:
     """Return a channel, same shape, as it is a while later: undoes a delay of that length.
 
-    The delay need not be a whole number of samples. Beyond the end the last value stands;
-    cut it off with `inside`.
+    Beyond the end the last value stands; cut it off with `inside`.
 
     Args:
         values: Shape (N, n), uniform in time, smooth. [any unit]
         rate: [Hz]
-        delay: Result at t is the channel at t + delay; may be negative. [s]
+        delay: Not a whole number of samples; may be negative. [s]
     """
     if delay == 0.0:
         return values

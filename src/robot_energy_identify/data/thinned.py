@@ -37,13 +37,10 @@ def few(count: int) -> NDArray[np.bool_]:
 
 
 class Thinned:
-    """Keeps samples until there are too many, then every second one of them, and so on.
+    """Keeps samples until there are too many, then ``every`` second one of them, and so on.
 
     Args:
         most: Samples to keep, but at least 25 in a second. [-]
-
-    Attributes:
-        every: Of how many samples one is kept.
     """
 
     def __init__(self, most: float = MOST) -> None:

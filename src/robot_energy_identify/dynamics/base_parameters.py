@@ -30,9 +30,7 @@ class BaseParameters(Described):
 
     names: Annotated[tuple[str, ...], "Of all standard parameters, shape (P,)."]
     independent: Annotated[Int, "One parameter of each group, which names it, shape (B,)."]
-    dependent: Annotated[
-        Int, "The others; a column of zeros in ``relation`` has no effect, shape (D,)."
-    ]
+    dependent: Annotated[Int, "The others; without effect: zeros in ``relation``, shape (D,)."]
     relation: Annotated[Float, "Shape (B, D)."]
 
     def __len__(self) -> int:
@@ -120,13 +118,10 @@ def base_parameters(columns: Float, names: Sequence[str]) -> BaseParameters:
 
 
 def not_excited(columns: Float, labels: Sequence[str]) -> tuple[str, ...]:
-    """Return the groups that a recording cannot determine, by name.
+    """Return the groups that a recording does not determine: silent, or that others explain.
 
     Args:
         columns: Of independent parameters, on the recorded motion, shape (M, B). [N m/parameter]
-
-    Returns:
-        Those without any torque in the recording, and those that others explain.
     """
     if len(columns) < columns.shape[1]:
         return tuple(labels)

@@ -15,14 +15,12 @@ from functools import partial
 
 import numpy as np
 
-from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.joint import GasSpring, Joint, LeverSpring, TorsionSpring
 from robot_energy.physics.counterbalance import AnySpring, torque_columns
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.torque_model import Estimate, ParameterColumn
-from robot_energy_identify.stats.cross_validation import GAIN
 
 SIGNIFICANT = 13.8  # of chi squared with two degrees of freedom: one chance in a thousand
 NAMES = {
@@ -30,6 +28,9 @@ NAMES = {
     "lever": (("moment_cosine", "N m"), ("moment_sine", "N m")),
     "gas_spring": (("gas_force", "N"), ("gas_rate", "N/m")),
 }
+
+
+STRENGTH = {"spring": "stiffness", "lever": "moment", "gas_spring": "force"}
 
 
 def open_springs(model: RobotModel) -> dict[int, AnySpring]:
@@ -40,24 +41,8 @@ def open_springs(model: RobotModel) -> dict[int, AnySpring]:
     return {
         joint: entry
         for joint, entry in enumerate(one.counterbalance for one in model.joints)
-        if entry is not None and _strength(entry).tag == "assumed"
+        if entry is not None and getattr(entry, STRENGTH[entry.kind]).tag == "assumed"
     }
-
-
-def _strength(entry: AnySpring) -> PositiveFigure:
-    match entry:
-        case TorsionSpring():
-            return entry.stiffness
-        case LeverSpring():
-            return entry.moment
-        case GasSpring():
-            return entry.force
-
-
-def without_springs(model: RobotModel, springs: Mapping[int, AnySpring]) -> RobotModel:
-    """Return a model without some counterbalances."""
-    names = [model.joint_names[joint] for joint in springs]
-    return model.with_joints("counterbalance", dict.fromkeys(names))
 
 
 def spring_columns(springs: Mapping[int, AnySpring]) -> tuple[ParameterColumn, ...]:
@@ -141,49 +126,3 @@ def _figure(estimate: Estimate, factor: float) -> Figure:
 def _with(joint: Joint, entry: AnySpring | None, **figures: Figure) -> Joint:
     changed = None if entry is None else entry.model_copy(update=figures)
     return joint.model_copy(update={"counterbalance": changed})
-
-
-def check_springs(
-    springs: Mapping[int, AnySpring],
-    names: tuple[str, ...],
-    labels: tuple[str, ...],
-    values: Float,
-    covariance: Float,
-    error: Float,
-    plain: Float,
-) -> None:
-    """Refuse counterbalances that the recording cannot distinguish from weights and offsets.
-
-    Args:
-        labels: Of the groups of parameters that the motion separates.
-        values: Of those groups, in the unit of each, shape (B,). [-]
-        covariance: Of the values, in products of their units, shape (B, B). [-]
-        error: Relative torque error of each joint on held-out parts, shape (n,). [-]
-        plain: The same without any counterbalance, shape (n,). [-]
-    """
-    for joint, entry in springs.items():
-        wanted = [f"{kind} {names[joint]}" for kind, _ in NAMES[entry.kind]]
-        places = [labels.index(name) for name in wanted if name in labels]
-        sure = 0.0
-        if places:
-            own = values[places]
-            sure = float(own @ np.linalg.solve(covariance[np.ix_(places, places)], own))
-        remedy = "give its figures from the data sheet, or leave the entry out"
-        if sure < SIGNIFICANT:
-            raise NotIdentifiableError(
-                f"the counterbalance of {names[joint]} cannot be distinguished from weight and "
-                f"offset of the torque (chi squared {sure:.3g})",
-                f"at least {SIGNIFICANT:g}: wide and fast motion of this joint and those behind it",
-                remedy,
-            )
-        if entry.kind != "lever" and wanted[0] in labels and values[labels.index(wanted[0])] < 0.0:
-            raise NotIdentifiableError(
-                f"the {wanted[0]} comes out negative", "a spring that can exist", remedy
-            )
-        if not error[joint] < GAIN * plain[joint]:
-            raise NotIdentifiableError(
-                f"with a counterbalance held-out torque of {names[joint]} is off by "
-                f"{100 * error[joint]:.2f} %, without one by {100 * plain[joint]:.2f} %",
-                f"an error that is smaller by {100 * (1 - GAIN):.0f} %",
-                remedy,
-            )

@@ -7,7 +7,7 @@ on alone are grouped; what the recording does not excite is refused by name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from typing import Annotated
@@ -17,6 +17,7 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.physics.counterbalance import AnySpring
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.blas_threads import one_thread
@@ -25,17 +26,10 @@ from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy_identify.dynamics.counterbalance import (
-    check_springs,
+    NAMES,
+    SIGNIFICANT,
     open_springs,
     spring_columns,
-    without_springs,
-)
-from robot_energy_identify.dynamics.sufficiency import (
-    check_channels,
-    check_length,
-    check_motion,
-    poorly_known,
-    remarks,
 )
 from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
@@ -44,17 +38,22 @@ from robot_energy_identify.dynamics.torque_model import (
 )
 from robot_energy_identify.dynamics.validation import (
     TorqueError,
+    check_channels,
+    check_length,
+    check_motion,
     estimate_delay,
     folds_of,
+    poorly_known,
     predict_held_out,
+    remarks,
     torque_error,
 )
-from robot_energy_identify.stats.autocorrelation import autocorrelated
-from robot_energy_identify.stats.cross_validation import splits
+from robot_energy_identify.stats.cross_validation import GAIN, splits
 from robot_energy_identify.stats.lag import NO_DELAY, Delay
 from robot_energy_identify.stats.regression import (
     Fit,
     Method,
+    autocorrelated,
     estimate,
     factor,
     fit,
@@ -78,9 +77,7 @@ class DynamicsSettings(Described):
     columns: tuple[ParameterColumn, ...] = field(default_factory=standard_columns)
     method: Annotated[Method, "``ols``, ``wls`` or ``irls``."] = "wls"
     filters: Filters = field(default_factory=Filters)
-    delay_span: Annotated[float, "Delays of the torque up to this are looked for, 0: none. [s]"] = (
-        0.005
-    )
+    delay_span: Annotated[float, "Of the torque, that is looked for; 0: none. [s]"] = 0.005
     offset: Annotated[
         float,
         "Of a torque channel as a prior: one standard deviation as a share of the greatest torque "
@@ -100,20 +97,15 @@ class Dynamics(Described):
     settings: DynamicsSettings
     base: Annotated[BaseParameters, "Groups of parameters that torque determines."]
     fit: Fit
-    in_sample: Annotated[
-        TorqueError, "Torque error on the data of the fit; no measure of accuracy."
-    ]
+    in_sample: Annotated[TorqueError, "On the data of the fit; no measure of accuracy."]
     delay: Delay
-    columns: Annotated[
-        tuple[ParameterColumn, ...], "Those that a model file can hold, and offsets."
-    ]
+    columns: Annotated[tuple[ParameterColumn, ...], "Those of a model file, and offsets."]
     standard: Annotated[Float, "Physically consistent parameters of links and ``columns``."]
     exported: Annotated[Fit, "Least-squares fit of ``columns``, for the standard deviations."]
     exported_base: BaseParameters
     poorly_known: Annotated[
         tuple[str, ...],
-        "Groups of which the recording determines less well than the prior: their 95 % interval "
-        "is wider than a body of that size makes likely.",
+        "Groups whose 95 % interval is wider than a body of that size makes likely.",
     ]
     notes: tuple[str, ...]
     observations: Observations
@@ -134,20 +126,12 @@ class Dynamics(Described):
         return torque_error(rows, self._held_out(rows, self._values))
 
     def held_out_consistent(self) -> TorqueError:
-        """Torque error of the model file on contiguous folds held out.
-
-        The physically consistent fit without the offsets of the torque channels, which a
-        model file does not hold.
-        """
+        """Torque error of the model file, without offsets, on contiguous folds held out."""
         return torque_error(self.observations, self.predict_held_out())
 
     @one_thread
     def predict_held_out(self) -> Float:
-        """Return what the model file says of every contiguous fold, fitted to the others.
-
-        Returns:
-            Joint torque at the rows of `observations`, shape (N, n). [N m] or [N]
-        """
+        """Return joint torque (N, n) [N m] of a model file, each fold fitted to the others."""
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
         prior = _prior(self.model, torque_model, self.settings.offset, rows)
@@ -172,9 +156,8 @@ class Dynamics(Described):
     def held_out_given_bodies(self) -> TorqueError:
         """Torque error on contiguous folds held out, with the bodies that it began with.
 
-        Rotors, friction and offsets are refitted in every fold and offsets left out of the
-        prediction, so that the difference to `held_out_consistent` is what the identified
-        bodies are worth.
+        All else is refitted in every fold, so that the difference to `held_out_consistent` is what
+        the identified bodies are worth.
         """
         torque_model = self.torque_model
         rows = self.observations.with_names(torque_model.names)
@@ -220,35 +203,61 @@ class Dynamics(Described):
 def identify_dynamics(
     channels: Sequence[Channels], model: RobotModel, settings: DynamicsSettings | None = None
 ) -> Dynamics:
-    """Return a robot's dynamics as recordings determine them.
+    """Return a robot's dynamics as stretches of recordings without gaps, of one rate, show them.
 
-    Args:
-        channels: Stretches of recordings without gaps, one rate for all.
-        model: Kinematics, drivetrain, payload, and bodies as the prior. A counterbalance whose
-            strength is assumed is identified, any other taken as known.
-
-    Raises:
-        NotIdentifiableError: If the recording does not determine the parameters; names them and
-            what to record instead.
+    The bodies of the model are the prior. A counterbalance whose strength is assumed is
+    identified, any other taken as known. What is not determined is refused by name.
     """
     settings = settings or DynamicsSettings()
     springs = open_springs(model)
     if springs:
-        model = without_springs(model, springs)
+        names = [model.joint_names[joint] for joint in springs]
+        model = model.with_joints("counterbalance", dict.fromkeys(names))
         plain = identify_dynamics(channels, model, settings)
         columns = (*settings.columns, *spring_columns(springs))
         found = _identify(channels, model, replace(settings, columns=columns))
-        check_springs(
-            springs,
-            model.joint_names,
-            found.base.labels,
-            found.fit.values,
-            found.fit.covariance,
-            found.held_out_consistent().joint,
-            plain.held_out_consistent().joint,
-        )
+        _check_springs(springs, found, plain.held_out_consistent().joint)
         return found
     return _identify(channels, model, settings)
+
+
+def _check_springs(springs: Mapping[int, AnySpring], found: Dynamics, plain: Float) -> None:
+    """Refuse counterbalances that the recording cannot distinguish from weights and offsets.
+
+    ``plain`` is the relative held-out error of each joint's torque without any, shape (n,). [-]
+    """
+    names, labels, fit = found.model.joint_names, found.base.labels, found.fit
+    error = found.held_out_consistent().joint
+    for joint, entry in springs.items():
+        wanted = [f"{kind} {names[joint]}" for kind, _ in NAMES[entry.kind]]
+        places = [labels.index(name) for name in wanted if name in labels]
+        sure = 0.0
+        if places:
+            own = fit.values[places]
+            sure = float(own @ np.linalg.solve(fit.covariance[np.ix_(places, places)], own))
+        remedy = "give its figures from the data sheet, or leave the entry out"
+        if sure < SIGNIFICANT:
+            raise NotIdentifiableError(
+                f"the counterbalance of {names[joint]} cannot be distinguished from weight and "
+                f"offset of the torque (chi squared {sure:.3g})",
+                f"at least {SIGNIFICANT:g}: wide and fast motion of this joint and those behind it",
+                remedy,
+            )
+        if (
+            entry.kind != "lever"
+            and wanted[0] in labels
+            and fit.values[labels.index(wanted[0])] < 0.0
+        ):
+            raise NotIdentifiableError(
+                f"the {wanted[0]} comes out negative", "a spring that can exist", remedy
+            )
+        if not error[joint] < GAIN * plain[joint]:
+            raise NotIdentifiableError(
+                f"with a counterbalance held-out torque of {names[joint]} is off by "
+                f"{100 * error[joint]:.2f} %, without one by {100 * plain[joint]:.2f} %",
+                f"an error that is smaller by {100 * (1 - GAIN):.0f} %",
+                remedy,
+            )
 
 
 def _identify(

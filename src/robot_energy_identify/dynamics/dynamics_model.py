@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robot_energy.foundation.errors import NotIdentifiableError, check_shape
+from robot_energy.foundation.errors import check_shape
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Urdf
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy.physics.urdf.checks import parse
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.dynamics.base_parameters import SHOWN
 from robot_energy_identify.dynamics.consistent import second_moments
@@ -40,7 +39,7 @@ def to_model(result: Dynamics, recordings: Sequence[str] = ()) -> RobotModel:
     ):
         if column.written is not None:
             estimate = _estimate(result, name, float(value))
-            joints[owner] = column.write(joints[owner], float(ratio[owner]), estimate)
+            joints[owner] = column.written(joints[owner], float(ratio[owner]), estimate)
     urdf_xml = with_link_parameters(model.urdf_xml, model.joint_names, values[: 10 * len(joints)])
     inertial = int((base.independent < 10 * len(joints)).sum())
     urdf = Urdf(
@@ -81,7 +80,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
             [kg], [kg m] and [kg m^2]
     """
     check_shape("link_parameters", link_parameters.shape, (10 * len(joint_names),))
-    parse(urdf_xml)  # refuses what cannot be used
     root = ET.fromstring(urdf_xml.strip())
     links = {str(link.get("name")): link for link in root.findall("link")}
     below: dict[str, list[str]] = {}
@@ -96,12 +94,6 @@ def with_link_parameters(urdf_xml: str, joint_names: Sequence[str], link_paramet
             below.setdefault(parent, []).append(child)
     for place, name in enumerate(joint_names):
         body = link_parameters[10 * place : 10 * place + 10]
-        if not body[0] > 0.0:
-            raise NotIdentifiableError(
-                f"the body behind joint '{name}' came out with {body[0]:g} kg",
-                "bodies that can exist",
-                "write the physically consistent fit",
-            )
         carried = [behind[name]]
         while carried:
             link = carried.pop()
@@ -141,22 +133,18 @@ def friction_at_joints(result: Dynamics) -> dict[str, tuple[Float, Float]]:
     """
     transmission = Drivetrain.from_model(result.model).transmission
     share = transmission / np.diagonal(transmission)[:, None]
-    names = result.model.joint_names
-    labels = result.base.labels
-    weights = {kind: np.zeros((len(names), len(labels))) for kind in ("viscous", "coulomb")}
-    for joint, name in enumerate(names):
-        for motor, other in enumerate(names):
-            if share[motor, joint] != 0.0 and f"viscous {other}" in labels:
-                place = labels.index(f"viscous {other}")
-                weights["viscous"][joint, place] = share[motor, joint] ** 2
-        if f"joint_viscous {name}" in labels:
-            weights["viscous"][joint, labels.index(f"joint_viscous {name}")] = 1.0
-        for kind in (f"joint_coulomb {name}", f"coulomb {name}"):
-            if kind in labels:
-                weights["coulomb"][joint, labels.index(kind)] = 1.0
-                break
-    fit = result.fit
-    return {
-        kind: (matrix @ fit.values, np.sqrt(np.diag(matrix @ fit.covariance @ matrix.T)))
-        for kind, matrix in weights.items()
-    }
+    names, labels, fit = result.model.joint_names, result.base.labels, result.fit
+    found: dict[str, tuple[Float, Float]] = {}
+    for kind in ("viscous", "coulomb"):
+        matrix = np.zeros((len(names), len(labels)))
+        for joint, name in enumerate(names):
+            weights = {f"joint_{kind} {name}": 1.0}
+            if kind == "viscous":
+                turned = zip(names, share[:, joint].tolist(), strict=True)
+                weights |= {f"viscous {motor}": turns**2 for motor, turns in turned}
+            elif f"joint_coulomb {name}" not in labels:
+                weights[f"coulomb {name}"] = 1.0
+            matrix[joint] = [weights.get(label, 0.0) for label in labels]
+        std = np.sqrt(np.diag(matrix @ fit.covariance @ matrix.T))
+        found[kind] = matrix @ fit.values, std
+    return found

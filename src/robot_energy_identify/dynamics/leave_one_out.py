@@ -39,9 +39,7 @@ class HoldOutResult(Described):
     """A prediction of one recording next to what was measured in it."""
 
     recording: Annotated[str, "The one that was predicted."]
-    trained_on: Annotated[
-        tuple[str, ...], "The recordings of the fit; the same one: its own other blocks."
-    ]
+    trained_on: Annotated[tuple[str, ...], "Recordings of the fit; itself: its other blocks."]
     torque: Annotated[TorqueError, "Error of the model file."]
     predicted: Annotated[Work, "Work as the model file says it."]
     measured: Annotated[Work, "Work as measured."]
@@ -51,13 +49,8 @@ class HoldOutResult(Described):
 class LeaveOneOut(Described):
     """Recordings of one robot, each held out once."""
 
-    judgements: Annotated[
-        tuple[HoldOutResult, ...], "From the others first, then each from its own blocks."
-    ]
-    refused: Annotated[
-        tuple[str, ...],
-        "Recordings that could not be predicted so, with the reason, one sentence each.",
-    ]
+    judgements: Annotated[tuple[HoldOutResult, ...], "From the others, then from own blocks."]
+    refused: Annotated[tuple[str, ...], "What was not predicted, and why, one sentence each."]
 
 
 def across_recordings(
@@ -65,11 +58,7 @@ def across_recordings(
     model: RobotModel,
     settings: DynamicsSettings | None = None,
 ) -> LeaveOneOut:
-    """Return predictions of every recording, held out once, next to what was measured.
-
-    Args:
-        recordings: Stretches of each recording by its name, two or more.
-    """
+    """Return predictions of each of several recordings, held out once, and what was measured."""
     transmission = Drivetrain.from_model(model).transmission
     fits: dict[tuple[str, ...], Dynamics] = {}
     judgements: list[HoldOutResult] = []

@@ -18,7 +18,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import PositiveFigure, Tag
 from robot_energy.model.friction_laws import ConstantLaw
@@ -84,14 +83,6 @@ class ParameterColumn(Described):
         """Whether physics forbids a negative parameter."""
         return self.owner == "motor"
 
-    def names(self, joint_names: Sequence[str], transmission: Float) -> list[str]:
-        """Return the name of each parameter.
-
-        Args:
-            transmission: Motor turns per joint turn, shape (n, n). [-]
-        """
-        return [f"{self.kind} {joint_names[joint]}" for joint in self.joints(transmission)]
-
     def joints(self, transmission: Float) -> list[int]:
         """Return the motor or joint that each parameter belongs to.
 
@@ -120,19 +111,6 @@ class ParameterColumn(Described):
         result = np.zeros((*own.shape, len(joints)))
         result[:, joints, np.arange(len(joints))] = own[:, joints]
         return result
-
-    def write(self, joint: Joint, ratio: float, estimate: Estimate) -> Joint:
-        """Return the entry of a model file with the parameter set, motor side.
-
-        Args:
-            ratio: Gear ratio of the motor. [-]
-        """
-        if self.written is None:
-            raise ModelFileError(
-                f"a model file has no place for {self.kind}",
-                "a parameter of a link, a rotor or friction",
-            )
-        return self.written(joint, ratio, estimate)
 
 
 def _write_rotor(joint: Joint, ratio: float, estimate: Estimate) -> Joint:
@@ -233,13 +211,9 @@ class TorqueModel(Described):
         """Column, motor or joint, and name of every parameter behind those of the links."""
         names = self.robot.joint_names
         return [
-            (column, owner, name)
+            (column, owner, f"{column.kind} {names[owner]}")
             for column in self.columns
-            for owner, name in zip(
-                column.joints(self.transmission),
-                column.names(names, self.transmission),
-                strict=True,
-            )
+            for owner in column.joints(self.transmission)
         ]
 
     @cached_property

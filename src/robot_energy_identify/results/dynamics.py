@@ -27,9 +27,7 @@ class BaseParameter(Result):
     std: Annotated[Number, "Standard deviation."]
     interval_95: Annotated[Number, "Half width of the 95 % interval."]
     weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
-    better_known_by_urdf: Annotated[
-        bool, "Whether the URDF determines it more precisely than the recordings."
-    ]
+    better_known_by_urdf: Annotated[bool, "Whether the URDF determines it more precisely."]
     parts: Annotated[dict[str, float], "Parts of the standard deviation, by cause."]
 
 
@@ -43,9 +41,7 @@ class DynamicsReport(Result, name="dynamics"):
         "exist); ``held_out_given_bodies`` where it was compared.",
     ]
     delay: Annotated[Delay, "Lag of the torque behind the positions."]
-    across: Annotated[
-        LeaveOneOut | None, "Errors of recordings held out whole; None for a single one."
-    ]
+    across: Annotated[LeaveOneOut | None, "Errors of recordings held out whole; None for one."]
     notes: Annotated[Texts, "What the user should know, one sentence each."]
     result: Annotated[Dynamics, "The identification behind it."] = field(repr=False)
 
@@ -90,18 +86,14 @@ class ExcitedJoint(Result):
 
     name: Annotated[str, "Name of the joint."]
     start: Annotated[float, "Position at the start. [rad] or [m]"]
-    use: Annotated[
-        dict[str, Number], "Share of each limit that is used, by kind; None without a limit. [-]"
-    ]
+    use: Annotated[dict[str, Number], "Share of each limit, by kind; None without a limit. [-]"]
 
 
 class ExcitationReport(Result, name="excitation"):
     """A motion for the identification of the dynamics."""
 
     settings: Annotated[ExcitationSettings, "Settings of the search."]
-    before: Annotated[
-        ExcitationScore, "How well the best random start determines the base parameters."
-    ]
+    before: Annotated[ExcitationScore, "How well the best random start does."]
     after: Annotated[ExcitationScore, "How well the optimised motion does."]
     base_parameters: Annotated[
         dict[str, str], "All that a motion can determine: sum of each group by its name."

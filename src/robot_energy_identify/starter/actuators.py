@@ -8,8 +8,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -34,35 +34,38 @@ class Actuator(Described):
     friction: Annotated[float | None, "Coulomb friction, joint side. [N m] or [N]"] = None
 
 
-@dataclass
-class _Found:
-    """What is found, and what is left out: reason -> joints."""
-
-    actuators: dict[str, Actuator]
-    ignored: dict[str, list[str]] = field(default_factory=dict[str, list[str]])
-
-    def ignore(self, joint: str, reason: str) -> None:
-        """Note that something of a joint is not used."""
-        names = self.ignored.setdefault(reason, [])
-        if joint not in names:
-            names.append(joint)
+Ignored = dict[str, dict[str, None]]  # what is left out: joints by reason
 
 
 def read_actuators(
     root: ET.Element, joint_names: Sequence[str]
 ) -> tuple[dict[str, Actuator], list[str]]:
     """Return the drive of every joint, and a sentence for each kind of entry that is left out."""
-    found = _Found({name: Actuator() for name in joint_names})
-    for transmission in (
-        *root.iterfind("transmission"),
-        *root.iterfind("ros2_control/transmission"),
-    ):
-        _read_transmission(transmission, found)
+    actuators, ignored = {name: Actuator() for name in joint_names}, Ignored()
+    for path in ("transmission", "ros2_control/transmission"):
+        for transmission in root.iterfind(path):
+            _read_transmission(transmission, actuators, ignored)
     for joint in root.findall("joint"):
-        _read_dynamics(joint, found)
-    return found.actuators, [
-        f"{first_names(names)}: {reason}" for reason, names in found.ignored.items()
-    ]
+        name, dynamics = str(joint.get("name")), joint.find("dynamics")
+        if dynamics is None or name not in actuators:
+            continue
+        values: dict[str, float] = {}
+        for key in ("damping", "friction"):
+            text = dynamics.get(key, "0")
+            value = _number(text)
+            if value is None or value < 0.0:
+                reason = (
+                    f"{key} '{shown(text, 40)}' of the URDF is not used: no number of 0 or more"
+                )
+                ignored.setdefault(reason, {})[name] = None
+            elif value > 0.0:
+                values[key] = value
+        actuators[name] = replace(actuators[name], **{"damping": None, "friction": None, **values})
+    return actuators, _sentences(ignored)
+
+
+def _sentences(ignored: Ignored) -> list[str]:
+    return [f"{first_names([*names])}: {reason}" for reason, names in ignored.items()]
 
 
 def without_defaults(
@@ -74,76 +77,65 @@ def without_defaults(
         effort: Largest torque or force of each joint, joint side. [N m] or [N]
         velocity: Largest speed. [rad/s] or [m/s]
     """
-    found = _Found(dict(actuators))
-    given = {name: actuator for name, actuator in actuators.items() if _rubs(actuator)}
-    pairs = {(actuator.damping, actuator.friction) for actuator in given.values()}
-    strengths = {
-        round(limit, 6) for name, limit in zip(actuators, effort, strict=True) if name in given
-    }
+    kept, ignored = dict(actuators), Ignored()
+    given = {name: one for name, one in actuators.items() if _rubs(one)}
+    limits = dict(zip(actuators, zip(effort, velocity, strict=True), strict=True))
+    pairs = {(one.damping, one.friction) for one in given.values()}
+    strengths = {round(limits[name][0], 6) for name in given}
     alike = len(given) >= MIN_EQUAL and len(pairs) == 1 and len(strengths) > 1
-    for name, limit, speed in zip(actuators, effort, velocity, strict=True):
-        actuator = actuators[name]
-        if not _rubs(actuator):
-            continue
-        needed = (actuator.damping or 0.0) * speed + (actuator.friction or 0.0)
+    for name, one in given.items():
+        limit, speed = limits[name]
         if alike:
-            reason = (
-                "dynamics of the URDF is not used: it is the same for joints of different "
-                "strength, as a default of a simulation is"
-            )
-        elif needed >= limit:
-            reason = (
-                "dynamics of the URDF is not used: friction at full speed would need all of the "
-                "effort limit"
-            )
+            why = "it is the same for joints of different strength, as a default of a simulation is"
+        elif (one.damping or 0.0) * speed + (one.friction or 0.0) >= limit:
+            why = "friction at full speed would need all of the effort limit"
         else:
             continue
-        found.ignore(name, reason)
-        found.actuators[name] = replace(actuator, damping=None, friction=None)
-    return found.actuators, [
-        f"{first_names(names)}: {reason}" for reason, names in found.ignored.items()
-    ]
+        ignored.setdefault(f"dynamics of the URDF is not used: {why}", {})[name] = None
+        kept[name] = replace(one, damping=None, friction=None)
+    return kept, _sentences(ignored)
 
 
 def _rubs(actuator: Actuator) -> bool:
     return actuator.damping is not None or actuator.friction is not None
 
 
-def _read_transmission(transmission: ET.Element, found: _Found) -> None:
+def _read_transmission(
+    transmission: ET.Element, actuators: dict[str, Actuator], ignored: Ignored
+) -> None:
     joints = [str(joint.get("name")) for joint in transmission.findall("joint")]
-    modelled = [name for name in joints if name in found.actuators]
-    for name in modelled:
-        actuator = found.actuators[name]
-        ratio = _entry(transmission, _REDUCTIONS, name, found)
-        inertia = _entry(transmission, _INERTIAS, name, found)
+    for name in (joint for joint in joints if joint in actuators):
+
+        def ignore(reason: str, joint: str = name) -> None:
+            ignored.setdefault(reason, {})[joint] = None
+
+        actuator = actuators[name]
+        ratio = _entry(transmission, _REDUCTIONS, ignore)
+        inertia = _entry(transmission, _INERTIAS, ignore)
         if len(joints) > 1 and (ratio is not None or inertia is not None):
-            found.ignore(name, "its transmission moves several joints; its figures are not used")
+            ignore("its transmission moves several joints; its figures are not used")
             continue
         if ratio is not None and ratio not in _UNKNOWN_RATIOS:
             if abs(ratio) < 1.0:
-                found.ignore(
-                    name,
+                ignore(
                     f"gear ratio {ratio:.4g} of the URDF is not used: the motor would turn slower "
-                    f"than the joint; is it {1 / ratio:.4g}?",
+                    f"than the joint; is it {1 / ratio:.4g}?"
                 )
             elif actuator.gear_ratio not in (None, ratio):
-                found.ignore(name, f"gear ratio {ratio:.4g} is not used: the URDF gives another")
+                ignore(f"gear ratio {ratio:.4g} is not used: the URDF gives another")
             else:
                 actuator = replace(actuator, gear_ratio=ratio)
-        if inertia is not None and inertia > 0.0:
-            if actuator.gear_ratio is None:
-                found.ignore(name, "rotor inertia of the URDF is not used: it gives no gear ratio")
-            else:
-                actuator = replace(actuator, rotor_inertia=inertia)
-        elif inertia is not None and inertia < 0.0:
-            found.ignore(
-                name, f"rotor inertia {inertia:.4g} of the URDF is not used: it is below 0"
-            )
-        found.actuators[name] = actuator
+        if inertia is not None and inertia < 0.0:
+            ignore(f"rotor inertia {inertia:.4g} of the URDF is not used: it is below 0")
+        elif inertia and actuator.gear_ratio is None:
+            ignore("rotor inertia of the URDF is not used: it gives no gear ratio")
+        elif inertia:
+            actuator = replace(actuator, rotor_inertia=inertia)
+        actuators[name] = actuator
 
 
 def _entry(
-    transmission: ET.Element, tags: Sequence[str], joint: str, found: _Found
+    transmission: ET.Element, tags: Sequence[str], ignore: Callable[[str], None]
 ) -> float | None:
     """Return a number of the actuator, or else of the joint, of a transmission."""
     places = (*transmission.findall("actuator"), *transmission.findall("joint"))
@@ -151,28 +143,9 @@ def _entry(
         text = (element.get("value") or element.text or "").strip()
         value = _number(text)
         if text and value is None:
-            found.ignore(joint, f"{element.tag} '{shown(text, 40)}' of the URDF is not a number")
+            ignore(f"{element.tag} '{shown(text, 40)}' of the URDF is not a number")
         return value
     return None
-
-
-def _read_dynamics(joint: ET.Element, found: _Found) -> None:
-    name, dynamics = str(joint.get("name")), joint.find("dynamics")
-    if dynamics is None or name not in found.actuators:
-        return
-    values: dict[str, float] = {}
-    for key in ("damping", "friction"):
-        text = dynamics.get(key, "0")
-        value = _number(text)
-        if value is None or value < 0.0:
-            found.ignore(
-                name, f"{key} '{shown(text, 40)}' of the URDF is not used: no number of 0 or more"
-            )
-        elif value > 0.0:
-            values[key] = value
-    found.actuators[name] = replace(
-        found.actuators[name], damping=values.get("damping"), friction=values.get("friction")
-    )
 
 
 def _number(text: str) -> float | None:

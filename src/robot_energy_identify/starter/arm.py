@@ -137,12 +137,8 @@ class Arm(Described):
 
     robot_name: str
     joints: tuple[ArmJoint, ...]
-    left_out: Annotated[
-        tuple[tuple[str, str], ...], "Moving joints that are not modelled, and why."
-    ]
-    massless_links: Annotated[
-        tuple[str, ...], "Links that move without inertia of their own or of their body."
-    ]
+    left_out: Annotated[tuple[tuple[str, str], ...], "Moving joints not modelled, and why."]
+    massless_links: Annotated[tuple[str, ...], "Links that move without inertia."]
     moving_mass: Annotated[float, "Of everything that moves. [kg]"]
     robot_class: Annotated[RobotClass, "The class it was given, or taken for."]
     class_source: str
@@ -157,9 +153,8 @@ class Arm(Described):
 def read_arm(urdf_xml: str, class_name: str | None = None, joint_names: Sequence[str] = ()) -> Arm:
     """Return the joints of a first model, and their limits.
 
-    Args:
-        class_name: A name of `CLASSES`; None: chosen by peak power and mass.
-        joint_names: The joints to model; empty: all independent moving joints without grippers.
+    Without a class it is chosen by peak power and mass; without names all independent moving joints
+    but grippers are modelled.
     """
     root = parse(urdf_xml)
     names, left_out = _chosen(root, joint_names)

@@ -31,22 +31,14 @@ class RobotText(Described):
 
     xml: str
     origin: Annotated[str, "In words, for comments and messages."]
-    path: Annotated[
-        Path | None,
-        "The file, if it can be named in a model file; None if the text must be embedded.",
-    ] = None
+    path: Annotated[Path | None, "Its file; None if the text must be embedded."] = None
     joint_names: Annotated[
         tuple[str, ...], "Joints that a bag has joint states of; empty if unknown."
     ] = field(default=())
 
 
 def read_description(source: str | Path, arguments: Sequence[str] = ()) -> RobotText:
-    """Return the text of a URDF, not checked yet: of a file, expanded from xacro, or in a bag.
-
-    Args:
-        source: A URDF, a xacro file, an MCAP file or a rosbag2 folder.
-        arguments: Arguments of the xacro file, each ``name:=value``.
-    """
+    """Return the text of a URDF, not checked yet: of a file, expanded from xacro, or in a bag."""
     path = Path(source)
     if path.is_dir() or path.suffix in (".mcap", ".db3", ".zstd"):
         return _from_bag(path)

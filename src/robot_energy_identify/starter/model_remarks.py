@@ -77,14 +77,7 @@ def implausible(model: RobotModel, robot: Robot) -> list[str]:
 
 
 def gravity_torques(robot: Robot) -> tuple[Float, Float]:
-    """Return positions drawn from the joint ranges and the torque of gravity there, joint side.
-
-    Args:
-        robot: The robot, n joints; the same positions for the same robot.
-
-    Returns:
-        Positions [rad] or [m] and torques [N m] or [N], shapes (N, n).
-    """
+    """Return positions [rad] or [m] drawn from the ranges, and torques of gravity, (N, n). [N m]"""
     limits = robot.limits
     low = np.where(np.isfinite(limits.lower), limits.lower, -np.pi)
     high = np.where(np.isfinite(limits.upper), limits.upper, np.pi)
@@ -133,10 +126,7 @@ def inertia_remarks(root: ET.Element) -> list[str]:
     """Return a sentence for each body whose inertia no distribution of its mass can have.
 
     That is where the mass would lie outside of the robot, or where a principal moment of inertia
-    exceeds the sum of the other two.
-
-    Args:
-        root: The element ``robot``, checked by `check_numbers`.
+    exceeds the sum of the other two. The numbers of the URDF are checked before.
     """
     origins = [*root.iterfind("joint/origin"), *root.iterfind("link/inertial/origin")]
     offsets = [[float(word) for word in origin.get("xyz", "0").split()] for origin in origins]

@@ -21,11 +21,7 @@ HOT = f"{SHAPE_A:g} of the viscous friction at 20 degC"
 
 
 def starter_text(arm: Arm, description: RobotText, folder: str | Path) -> str:
-    """Return the model file, as YAML, of an arm that nobody has measured.
-
-    Args:
-        folder: Folder of the model file, at which the path of the URDF begins.
-    """
+    """Return the model file, as YAML for a folder, of an arm that nobody has measured."""
     joints = "".join(_joint(joint, arm.robot_class) for joint in arm.joints)
     urdf = _urdf(arm, description, Path(folder))
     return "\n".join([_head(arm, description), urdf, f"joints:\n{joints}", _electrical(arm)])
@@ -36,9 +32,14 @@ def _number(value: float) -> str:
     return yaml.safe_dump(float(f"{value:.3g}")).splitlines()[0]
 
 
-def _figure(value: float, spread: float, source: str) -> str:
+def _figure(value: float, spread: float, source: str, published: bool = False) -> str:
+    """Write a prior, or a figure of the URDF with all its digits."""
+    text, tag = _number(value), "assumed"
+    if published:
+        text, tag = yaml.safe_dump(float(value)).splitlines()[0], "published"
+        source += " of the URDF"
     std = _number(abs(value) * spread)
-    return f'{{value: {_number(value)}, tag: assumed, std: {std}, source: "{source}"}}'
+    return f'{{value: {text}, tag: {tag}, std: {std}, source: "{source}"}}'
 
 
 def _share(share: Share, scale: float, source: str) -> str:
@@ -107,26 +108,49 @@ def _embedded(xml: str) -> str:
     return indent(yaml.safe_dump({"xml": xml}, default_style='"').replace('"xml"', "xml", 1), "  ")
 
 
-def _published(value: float, spread: float, source: str) -> str:
-    """Write a figure of the URDF with all its digits."""
-    exact = yaml.safe_dump(float(value)).splitlines()[0]
-    std = _number(abs(value) * spread)
-    return f'{{value: {exact}, tag: published, std: {std}, source: "{source} of the URDF"}}'
-
-
 def _joint(joint: ArmJoint, robot: RobotClass) -> str:
+    """Write one joint: what the URDF gives, moved to the motor side, and priors for the rest."""
+    given = joint.actuator
     ratio, ratio_figure = _ratio(joint, robot)
     torque, speed = joint.effort / abs(ratio), joint.velocity * abs(ratio)
     force, rate = joint.units
-    limits = f"limits {joint.effort:.4g} {force}, {joint.velocity:.4g} {rate}"
     of_power = "of peak power"
+    rotor = _figure(
+        robot.rotor.value * torque / speed,
+        robot.rotor.spread,
+        f"full torque speeds the rotor up in {robot.rotor.value:g} s",
+    )
+    if given.rotor_inertia is not None:
+        rotor = _figure(given.rotor_inertia, ROTOR_SPREAD, "rotor inertia", True)
+    coulomb = _share(robot.coulomb, torque, "of the torque limit, motor side")
+    if given.friction is not None:
+        source = f"friction {given.friction:g} {force}, joint side,"
+        coulomb = _figure(given.friction / abs(ratio), FRICTION_SPREAD, source, True)
+    if given.damping is not None:
+        source = f"damping {given.damping:g} {force} per {rate}, joint side,"
+        viscous = _figure(given.damping / ratio**2, FRICTION_SPREAD, source, True)
+        law = f"  # N m s/rad\n        law: constant\n        viscous: {viscous}\n"
+    else:
+        size, spread = robot.viscous.value * torque / speed, robot.viscous.spread
+        cold = f"{100 * robot.viscous.value:.3g} % of the torque limit at full speed and 20 degC"
+        law = (
+            f"  # a + b exp(-T / c), N m s/rad, T in degC\n"
+            f"        law: exponential\n"
+            f"        a: {_figure(SHAPE_A * size, spread, HOT)}\n"
+            f"        b: {_figure(SHAPE_B * size, spread, cold)}\n"
+            f"        c: {_figure(SHAPE_C, 0.2, 'shape of an ABB robot, Bittencourt, recalled')}\n"
+            f"        fitted_degc: [{robot.fitted_degc[0]}, {robot.fitted_degc[1]}]\n"
+            f"        std: {_number(size * spread)}\n"
+        )
     return (
-        f"  - name: {_quoted(joint.name)}  # {limits}\n"
+        f"  - name: {_quoted(joint.name)}  # limits {joint.effort:.4g} {force}, "
+        f"{joint.velocity:.4g} {rate}\n"
         f"    gear_ratio: {ratio_figure}\n"
         f"    rotor_inertia:  # kg m^2, motor side\n"
-        f"      {_rotor(joint, robot, torque / speed)}\n"
+        f"      {rotor}\n"
         f"    friction:  # motor side\n"
-        f"{_friction(joint, robot, ratio)}"
+        f"      coulomb: {coulomb}  # N m\n"
+        f"      viscous:{law}"
         f"    losses:  # of the drive\n"
         f"      constant: {_share(robot.constant, torque * speed, of_power)}  # W\n"
         f"      linear: {_share(robot.linear, torque, of_power)}  # W s/rad\n"
@@ -135,63 +159,18 @@ def _joint(joint: ArmJoint, robot: RobotClass) -> str:
     )
 
 
-def _rotor(joint: ArmJoint, robot: RobotClass, torque_per_speed: float) -> str:
-    given = joint.actuator.rotor_inertia
-    if given is not None:
-        return _published(given, ROTOR_SPREAD, "rotor inertia")
-    source = f"full torque speeds the rotor up in {robot.rotor.value:g} s"
-    return _figure(robot.rotor.value * torque_per_speed, robot.rotor.spread, source)
-
-
-def _friction(joint: ArmJoint, robot: RobotClass, ratio: float) -> str:
-    """Write both terms: those of the URDF, from the joint to the motor side, or the priors."""
-    torque, speed = joint.effort / abs(ratio), joint.velocity * abs(ratio)
-    force, rate = joint.units
-    friction, damping = joint.actuator.friction, joint.actuator.damping
-    coulomb = _share(robot.coulomb, torque, "of the torque limit, motor side")
-    if friction is not None:
-        source = f"friction {friction:g} {force}, joint side,"
-        coulomb = _published(friction / abs(ratio), FRICTION_SPREAD, source)
-    if damping is not None:
-        source = f"damping {damping:g} {force} per {rate}, joint side,"
-        law = (
-            f"      viscous:  # N m s/rad\n"
-            f"        law: constant\n"
-            f"        viscous: {_published(damping / ratio**2, FRICTION_SPREAD, source)}\n"
-        )
-    else:
-        viscous, spread = robot.viscous.value * torque / speed, robot.viscous.spread
-        cold = f"{100 * robot.viscous.value:.3g} % of the torque limit at full speed and 20 degC"
-        law = (
-            f"      viscous:  # a + b exp(-T / c), N m s/rad, T in degC\n"
-            f"        law: exponential\n"
-            f"        a: {_figure(SHAPE_A * viscous, spread, HOT)}\n"
-            f"        b: {_figure(SHAPE_B * viscous, spread, cold)}\n"
-            f"        c: {_figure(SHAPE_C, 0.2, 'shape of an ABB robot, Bittencourt, recalled')}\n"
-            f"        fitted_degc: [{robot.fitted_degc[0]}, {robot.fitted_degc[1]}]\n"
-            f"        std: {_number(viscous * spread)}\n"
-        )
-    return f"      coulomb: {coulomb}  # N m\n{law}"
-
-
 def _ratio(joint: ArmJoint, robot: RobotClass) -> tuple[float, str]:
-    """Gear ratio and its figure: of the URDF, else as usual."""
-    given = joint.actuator.gear_ratio
+    """Gear ratio and its figure: of the URDF, else as usual in the class."""
+    given, usual, fastest = joint.actuator.gear_ratio, robot.gear_ratio, robot.max_motor_velocity
     if given is not None:
-        return given, _published(given, RATIO_SPREAD, "transmission")
-    usual, spread, source = _usual_ratio(joint, robot)
-    return usual, _figure(usual, spread, source)
-
-
-def _usual_ratio(joint: ArmJoint, robot: RobotClass) -> tuple[float, float, str]:
-    """Gear ratio of the class, its spread and its source."""
-    usual, fastest = robot.gear_ratio, robot.max_motor_velocity
+        return given, _figure(given, RATIO_SPREAD, "transmission", True)
+    ratio, source = usual.value, f"usual of the class {robot.name}"
     if joint.prismatic:
-        return (fastest or 300.0) / joint.velocity, usual.spread, "motor at its usual speed limit"
-    if fastest is None:
-        return usual.value, usual.spread, f"usual of the class {robot.name}"
-    ratio = min(max(fastest / joint.velocity, 30.0), 300.0)
-    return ratio, usual.spread, f"motor at {fastest:.0f} rad/s at full joint speed"
+        ratio, source = (fastest or 300.0) / joint.velocity, "motor at its usual speed limit"
+    elif fastest is not None:
+        ratio = min(max(fastest / joint.velocity, 30.0), 300.0)
+        source = f"motor at {fastest:.0f} rad/s at full joint speed"
+    return ratio, _figure(ratio, usual.spread, source)
 
 
 def _electrical(arm: Arm) -> str:

@@ -37,27 +37,19 @@ class RobotClass(Described):
 
     name: str
     label: str
-    gear_ratio: Annotated[
-        Share, "Motor turns per joint turn, where the URDF has no transmission. [-]"
-    ]
+    gear_ratio: Annotated[Share, "Motor turns per joint turn, without a transmission. [-]"]
     max_motor_velocity: Annotated[
-        float | None,
-        "Motor speed at the joint's velocity limit; if given, the gear ratio is this over the "
-        "limit. [rad/s]",
+        float | None, "Of a motor; the gear ratio is this over the velocity limit. [rad/s]"
     ]
     velocity: Annotated[Share, "Velocity limit of a rotary joint where the URDF has none. [rad/s]"]
-    rise_time: Annotated[
-        float, "Time to full speed, for an effort limit where the URDF has none. [s]"
-    ]
+    rise_time: Annotated[float, "Time to full speed, for effort limits that lack. [s]"]
     coulomb: Share
     viscous: Annotated[Share, "Viscous friction at full speed and 20 degC over the effort limit."]
     rotor: Annotated[Share, "Time in which full effort brings the rotor alone to full speed. [s]"]
     copper: Annotated[Share, "Copper loss at full effort over the peak power of the joint."]
     constant: Annotated[Share, "Loss of the idle drive over the peak power of the joint."]
     linear: Annotated[Share, "Loss in proportion to speed, at full speed, over the peak power."]
-    quadratic: Annotated[
-        Share, "Loss in proportion to speed squared, at full speed, over the peak power."
-    ]
+    quadratic: Annotated[Share, "Loss with speed squared, at full speed, over the peak power."]
     loss_grid: Annotated[Share, "Controller, fans and supply, before the DC link. [W]"]
     loss_grid_share: Annotated[float, "The same, over the sum of the joints' peak powers."]
     loss_dc: Annotated[Share, "Electronics and released brakes on the DC link. [W]"]

@@ -37,13 +37,9 @@ class EnergyScore(Described):
     """A prediction of a meter, on held-out readings."""
 
     rms: Annotated[float, "Of predicted minus measured power. [W]"]
-    energy_error: Annotated[
-        float, "Predicted over measured energy minus 1, mean size over the folds. [-]"
-    ]
+    energy_error: Annotated[float, "Predicted over measured energy - 1, mean size of folds. [-]"]
     worst: Annotated[float, "The greatest of them in size. [-]"]
-    shares: Annotated[
-        tuple[float, ...], "Predicted over measured energy minus 1 of each fold. [-]"
-    ] = ()
+    shares: Annotated[tuple[float, ...], "Of each fold, signed. [-]"] = ()
 
     def beats(self, given: EnergyScore) -> bool:
         """Whether figures of this prediction may replace those of another one.
@@ -136,12 +132,9 @@ def splits(fold: Int, guard: int = 0) -> Iterator[tuple[Mask, Mask]]:
 
 
 def predict_held_out(fold: Int, predict: Callable[[Mask, Mask], Float], guard: int = 0) -> Float:
-    """Return predictions of every fold from the others, shape (N, ...).
+    """Return predictions of every fold from the others, shape (N, ...), folds as in `splits`.
 
-    Args:
-        fold: Fold of each sample, shape (N,).
-        predict: Called with the masks of the training and the test samples; returns the
-            prediction of the test samples.
+    ``predict`` gets the masks of training and test samples, and returns the latter predicted.
     """
     parts = [(test, predict(train, test)) for train, test in splits(fold, guard)]
     predicted = np.empty((len(fold), *parts[0][1].shape[1:]))

@@ -49,9 +49,7 @@ class HeldOutPrediction(Described):
     rms: Annotated[float, "Of predicted minus measured power, per reading. [W]"]
     shaft: Annotated[float, "Shaft energy of all axes from the model's torque. [J]"]
     torque_error: Annotated[
-        float,
-        "Norm of the error of the motor torque over the norm of the measured one, all axes "
-        "together; NaN without measured torque. [-]",
+        float, "Norm of the motor torque error over that measured; NaN without. [-]"
     ]
     motor_torque: Annotated[Float, "Of the stretch that is shown, shape (K, n). [N m]"] = field(
         repr=False
@@ -73,10 +71,7 @@ class Tested(Described):
     duration: Annotated[float, "Time that was compared with the meter. [s]"]
     measured: Annotated[float, "Energy that the meter saw in it; NaN without a meter. [J]"]
     shaft: Annotated[float, "Measured shaft energy of all axes; NaN without measured torque. [J]"]
-    predictions: Annotated[
-        dict[str, HeldOutPrediction],
-        "By ``given`` and by each subject, as the model was after its step.",
-    ]
+    predictions: Annotated[dict[str, HeldOutPrediction], "By ``given`` or subject, after its step."]
     start_ns: Annotated[int, "Of the recording. [ns]"]
     location: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
     time: Annotated[Float, "Of the stretch that is shown, since the start, shape (K,). [s]"] = (
@@ -84,9 +79,7 @@ class Tested(Described):
     )
     motor_torque: Annotated[Float, "Measured in it, shape (K, n). [N m]"] = field(repr=False)
     taken: Annotated[tuple[Subject, ...], "Subjects of which this test's model has new figures."]
-    beyond: Annotated[
-        float, "How far a motor was colder or warmer than in the fit, at most; 0 if none was. [K]"
-    ]
+    beyond: Annotated[float, "How far a motor was outside of the fit, at most. [K]"]
     outside: Annotated[OutsideFit | None, "The joint that was it most; None if none was."] = None
 
     def error(self, stage: str) -> float:
@@ -126,11 +119,7 @@ class HeldOutEnergy(Described):
         return tuple(entry for entry in self.metered if entry.beyond > OUTSIDE)
 
     def mean_error(self, stage: str, entries: Sequence[Tested] | None = None) -> float:
-        """Return the mean size of the energy error at the meter.
-
-        Args:
-            entries: Of which recordings; None for all that can be compared.
-        """
+        """Return the mean size of the energy error at the meter, of some recordings or of all."""
         chosen = self.metered if entries is None else entries
         return float(np.mean([abs(entry.error(stage)) for entry in chosen]))
 
@@ -182,8 +171,7 @@ def held_out_energy(
     """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
-        whole: Identified from all bags of the fit; it is what a ``test`` is made with.
-        progress: Called with what is going on and the share done, 0 to 1.
+        progress: Called with what is going on and the share done. [-]
     """
     stages = (GIVEN, *(step.subject for step in whole.steps))
     tested: list[tuple[int, Tested]] = []  # with the place among the bags

@@ -25,11 +25,7 @@ class Delay(Described):
     value: Annotated[float, "By which the channel lags, at the least held-out error. [s]"]
     std: Annotated[float, "From leaving out each block in turn. [s]"]
     gain: Annotated[float, "Share of the held-out error it takes away. [-]"]
-    applied: Annotated[
-        float,
-        "The value where it is significant: enough gain, three standard deviations from 0, and "
-        "not at the end of the range; else 0. [s]",
-    ]
+    applied: Annotated[float, "The value where it is sure and inside of the range; else 0. [s]"]
     at_edge: Annotated[bool, "Whether the least error is at the end of the range."]
     span: Annotated[float, "Delays up to this were tried. [s]"]
 

@@ -3,8 +3,8 @@
 Residuals of a robot's torque or power are alike from row to row, so N rows hold far fewer
 independent ones and the textbook covariance is several times too small. What it is instead
 is an argument of the fit: `jackknife` takes the scatter of the parameters when one contiguous
-block after the other is left out; `robot_energy_identify.stats.autocorrelation` measures the
-autocorrelation of the residuals. A scatter from few blocks is itself uncertain, so it counts as
+block after the other is left out; `autocorrelated` is ``(X'X)^-1 X' Omega X (X'X)^-1`` with Omega
+the autocovariance of the residuals. A scatter from few blocks is itself uncertain, so it counts as
 Student's t says (`student`).
 """
 
@@ -41,34 +41,24 @@ class Fit(Described):
 
     names: tuple[str, ...]
     values: Annotated[Float, "Shape (P,)."]
-    covariance: Annotated[
-        Float, "Of the values as if they were normally distributed, shape (P, P)."
-    ]
-    independent: Annotated[
-        Float, "Number of independent rows of each target, or of blocks, shape (n,)."
-    ]
+    covariance: Annotated[Float, "Of the values, as if normally distributed, shape (P, P)."]
+    independent: Annotated[Float, "Independent rows of each target, or blocks, shape (n,)."]
     degrees: Annotated[float, "Of freedom, of the scatter."]
     residual: Annotated[Float, "Target less fitted, shape (N,) or (N, n)."]
-    weight: Annotated[
-        Float, "On each row in the fit, 0 where unused, same shape. [1/unit of the target]"
-    ]
+    weight: Annotated[Float, "On each row, 0 where unused, same shape. [1/unit of the target]"]
     parts: Annotated[
         Mapping[str, Float],
-        "Deviations of the parameters by cause, shape (P,) each; their squares add up to the "
-        "diagonal of the covariance.",
+        "Deviations by cause, shape (P,) each; their squares add up to the variance.",
     ] = field(default_factory=dict[str, Float])
     moves: Annotated[
         Mapping[str, Float],
-        "Of the parameters by one deviation of each constant error, by cause, shape (P, errors) "
-        "each.",
+        "Of the values by one deviation of constant errors, shape (P, errors) each.",
     ] = field(default_factory=dict[str, Float])
 
     def errors(self) -> dict[str, Float]:
-        """Return independent errors of the parameters by cause, those of the scatter too.
+        """Return moves by one deviation of independent errors by cause, shape (P, errors) each.
 
-        Returns:
-            Moves by one deviation of each, shape (P, errors) each; their products sum to the
-            covariance.
+        Their products, with those of the scatter, sum to the covariance.
         """
         rest = self.covariance - sum(
             (moves @ moves.T for moves in self.moves.values()), np.zeros_like(self.covariance)
@@ -254,16 +244,12 @@ def independent(columns: Float, least: Float) -> list[int]:
 
 
 def factor(columns: Float, target: Float, weight: Float) -> tuple[Float, Float]:
-    """Compress weighted rows to a triangle with the same sums of squares.
+    """Return R (K, P) and b (K,) with ``|R x - b|^2`` the weighted squares of x but for a constant.
 
     Args:
         columns: Shape (N, n, P). [target/parameter]
         target: Shape (N, n). [any unit]
         weight: Shape (N, n); rows of weight 0 are left out. [1/target]
-
-    Returns:
-        R of shape (K, P) and b of shape (K,): ``|R x - b|^2`` is the weighted sum of
-        squares of x but for a constant; K is P, or less where rows are few.
     """
     size = columns.shape[2]
     triangle = np.zeros((0, size + 1))
@@ -337,12 +323,7 @@ def regress(
 ) -> Fit:
     """Return the fit of one target with deviations from blocks; refuse columns that are alike.
 
-    Args:
-        columns: Shape (N, P), finite. [target/parameter]
-        target: Shape (N,), finite. [any unit]
-        block: Number of the contiguous block that each sample belongs to, shape (N,).
-        base: QR decomposition of the columns where it is known, shapes (N, P) and (P, P).
-            [target/parameter]
+    Columns, target and their decomposition as in `fit`; blocks are contiguous.
     """
     check_shape("target", target.shape, (len(columns),))
     known = np.linalg.qr(columns) if base is None else base
@@ -371,3 +352,82 @@ def _require_excitation(columns: Float, triangle: Float, names: Sequence[str], w
             "motion that changes each of them on its own",
             "record motions at several speeds and in both directions",
         )
+
+
+MAX_LAG_SHARE = 0.25  # of a recording: longest autocorrelation taken into account
+
+
+def autocorrelated(segment: Int) -> Covariance:
+    """Return the covariance from the autocorrelation of each target's residuals.
+
+    What comes before the autocorrelation first falls to zero is signal, the rest is chance
+    (initial positive sequence).
+
+    Args:
+        segment: Number of the uninterrupted stretch of each row, shape (N,).
+    """
+
+    def covariance(columns: Float, residual: Float, weight: Float) -> tuple[Float, Float, float]:
+        n_targets, n_values = residual.shape[1], columns.shape[2]
+        triangle, _ = factor(columns, residual, weight)
+        inverse = np.linalg.pinv(triangle)
+        inverse = inverse @ inverse.T
+        middle, independent = np.zeros((n_values, n_values)), np.zeros(n_targets)
+        for joint in range(n_targets):
+            rows = weight[:, joint] > 0.0
+            count = int(rows.sum())
+            if not count:
+                continue
+            rest = np.where(rows, weight[:, joint] * residual[:, joint], 0.0)
+            own = columns[:, joint] * weight[:, joint, None]
+            taken = float(((own @ inverse) * own).sum())  # leverage
+            shares = _autocorrelation(rest, rows, segment)
+            independent[joint] = count / (1.0 + 2.0 * float(shares[1:].sum()))
+            # Parameters eat part of the residuals; of correlated ones, a larger part.
+            left = max(independent[joint] - taken, 0.25 * independent[joint], 1.0)
+            variance = float(rest @ rest) / count * independent[joint] / left
+            middle += variance * _correlated(own, shares, segment)
+        degrees = float(independent.sum()) - n_values
+        return inverse @ middle @ inverse, independent, degrees
+
+    return covariance
+
+
+def _autocorrelation(rest: Float, rows: NDArray[np.bool_], segment: Int) -> Float:
+    """Autocorrelation of one target's residuals from lag 0 to before it is first not positive."""
+    shares = [1.0]
+    size = float(rest @ rest) / max(int(rows.sum()), 1)
+    same = [np.flatnonzero(segment == number) for number in np.unique(segment)]
+    longest = int(MAX_LAG_SHARE * max(len(part) for part in same))
+    for lag in range(1, longest + 1):
+        total, pairs = 0.0, 0
+        for part in same:
+            if len(part) > lag:
+                early, late = part[:-lag], part[lag:]
+                total += float(rest[early] @ rest[late])
+                pairs += int((rows[early] & rows[late]).sum())
+        if not pairs or total <= 0.0 or size <= 0.0:
+            break
+        shares.append(min(total / pairs / size, 1.0))
+    return np.array(shares)
+
+
+def _correlated(columns: Float, shares: Float, segment: Int) -> Float:
+    """``X' Omega X`` with Omega the autocorrelation within each segment, shape (P, P).
+
+    Where the estimate of Omega is not a covariance, rows count for less by their number alone.
+    """
+    from scipy.signal import oaconvolve
+
+    kernel = np.concatenate([shares[:0:-1], shares])[:, None]
+    first = len(shares) - 1
+    result = np.zeros((columns.shape[1], columns.shape[1]))
+    for number in np.unique(segment):
+        part = columns[segment == number]
+        smeared = np.asarray(oaconvolve(part, kernel, mode="full", axes=0))
+        result += part.T @ smeared[first : first + len(part)]
+    result = 0.5 * (result + result.T)
+    white = columns.T @ columns
+    if float(np.linalg.eigvalsh(result)[0]) < -1e-9 * float(np.trace(white)):
+        return white * (1.0 + 2.0 * float(shares[1:].sum()))
+    return result

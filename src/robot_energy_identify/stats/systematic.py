@@ -34,14 +34,8 @@ class SensorLimits(Described):
     """Limits of constant errors of the sensors, and of bodies that are given, +-."""
 
     meter: Annotated[float, "Of the gain of the power meter: class 1 of IEC 62053-21. [-]"] = 0.01
-    torque: Annotated[
-        float,
-        "Of each torque constant, or gain of a torque sensor: usual in data sheets of servo "
-        "motors. [-]",
-    ] = 0.05
-    thermometer: Annotated[float, "Of a motor temperature: usual for sensors in windings. [K]"] = (
-        2.0
-    )
+    torque: Annotated[float, "Of each torque constant or torque sensor, by data sheets. [-]"] = 0.05
+    thermometer: Annotated[float, "Of a motor temperature, as in windings. [K]"] = 2.0
     bodies: Annotated[float, "Of the torque by which given bodies load a joint. [-]"] = 0.05
     drive_power: Annotated[float, "Of the gain of each drive's own power reading. [-]"] = 0.02
 

@@ -8,22 +8,29 @@ from typing import Annotated, Any, Unpack
 
 import numpy as np
 
+from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.options import takes
 from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.setup import ModelName, model_of
 from robot_energy.timeline.blocks import PLAUSIBLE_DEGC, Float
-from robot_energy_plan.motion.load_motion import load_motion
+from robot_energy_plan.motion.joint_trajectory import (
+    holds_trajectory,
+    read_bag_trajectory,
+    read_csv_trajectory,
+)
+from robot_energy_plan.motion.load_motion import BAG, GCODE, YAML, ToolOptions, load_motion
 from robot_energy_plan.optimization.chain import PowerChain
-from robot_energy_plan.optimization.forms import read_form
 from robot_energy_plan.optimization.gcode_form import GcodeForm
 from robot_energy_plan.optimization.measures import Optimum, optimise
-from robot_energy_plan.optimization.program_form import ProgramForm
+from robot_energy_plan.optimization.program_form import ProgramForm, PtpForm
 from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_plan.optimization.task import Task, make_task
 from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
+from robot_energy_plan.optimization.trajectory_form import TrajectoryForm, recorded_motion
 from robot_energy_plan.options import OptimizeOptions
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
 from robot_energy_plan.results.shared_bus import supply_figures
@@ -38,9 +45,7 @@ class OptimizationResult(Described, Shown):
     program: Annotated[str, "Its name."]
     report: Annotated[OptimizationReport, "All figures."]
     optimum: Annotated[Optimum, "The costs behind them."] = field(repr=False)
-    form: Annotated[ProgramForm, "The program, which can be written in its own form."] = field(
-        repr=False
-    )
+    form: Annotated[ProgramForm, "The program, which can be written."] = field(repr=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures as plain values: the JSON of ``robot-energy optimize``."""
@@ -153,3 +158,36 @@ def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Floa
     first, last = float(ends[0]), float(ends[-1])
     points = ends if first == last else np.linspace(first, last, TEMPERATURES)
     return np.repeat(np.unique(points)[:, None], len(model.joints), axis=1)
+
+
+def read_form(
+    path: str | Path, model: RobotModel, robot: Robot, options: OptimizeOptions | None = None
+) -> ProgramForm:
+    """Return a program that can be made cheaper.
+
+    Args:
+        path: YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a bag, or a
+            bag of recorded joint states.
+    """
+    file = Path(path)
+    given: OptimizeOptions = options or {}
+    topic, time_range = given.get("topic"), TimeRange(given.get("start"), given.get("end"))
+    if not file.exists():
+        raise MotionError(f"there is no program '{path}'", "a file or a bag")
+    if file.suffix.lower() in YAML and file.name != "metadata.yaml":
+        return PtpForm(file, robot)
+    if file.suffix.lower() in GCODE:
+        tool = given.get("tool") or ToolOptions()
+        return GcodeForm(file, robot, tool, given.get("max_feed", 1.0))
+    if file.suffix.lower() == ".csv":
+        return TrajectoryForm(read_csv_trajectory(file), robot, file)
+    if file.suffix.lower() in BAG or file.is_dir():
+        if holds_trajectory(file, topic) and not time_range:
+            return TrajectoryForm(read_bag_trajectory(file, topic), robot, file)
+        motion = recorded_motion(file, model, time_range, topic)
+        return TrajectoryForm(motion, robot, file, recorded=True)
+    raise MotionError(
+        f"the program '{path}' cannot be made cheaper",
+        f"moves ({', '.join(YAML)}), G-code ({', '.join(GCODE)}), a bag or .csv with a "
+        "JointTrajectory, or a bag of recorded joint states",
+    )

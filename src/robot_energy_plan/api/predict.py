@@ -38,9 +38,7 @@ class PredictionResult(Described, Shown):
     ]
     energy: Annotated[EnergyBreakdown, "Where the energy will go."]
     joints: Annotated[tuple[JointEnergy, ...], "The same per joint, in model order."]
-    phases: Annotated[
-        dict[str, PhaseEnergy], "Time and energy by phase: ``hold``, ``motion``, ``generating``."
-    ]
+    phases: Annotated[dict[str, PhaseEnergy], "By phase: ``hold``, ``motion``, ``generating``."]
     notes: Annotated[tuple[str, ...], "What a reader should know, one sentence each."]
     problems: Annotated[tuple[str, ...], "What makes the figures doubtful, one sentence each."]
     report: Annotated[PredictionReport, "All figures, those above among them."] = field(repr=False)

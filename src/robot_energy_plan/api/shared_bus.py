@@ -16,8 +16,8 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.timeline.blocks import Float
+from robot_energy_plan.motion.joint_trajectory import holds_trajectory
 from robot_energy_plan.motion.load_motion import BAG, load_motion
-from robot_energy_plan.optimization.forms import holds_trajectory
 from robot_energy_plan.options import SharedBusOptions
 from robot_energy_plan.results.shared_bus import SharedBusReport, shared_bus_report
 from robot_energy_plan.shared_bus import (

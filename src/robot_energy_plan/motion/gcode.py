@@ -16,11 +16,7 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.files.regular_file import read_regular
 from robot_energy_plan.motion.gcode_flavors import ACCELERATIONS, FoundFlavor, flavor_of
-from robot_energy_plan.motion.gcode_machine import (
-    MAX_SPEED,
-    MIN_SPEED,
-    ProgramMachine,
-)
+from robot_energy_plan.motion.gcode_machine import MAX_SPEED, MIN_SPEED, ProgramMachine
 from robot_energy_plan.motion.tool_corners import ToolPath
 
 MAX_BYTES = 64 * 1024 * 1024
@@ -33,13 +29,9 @@ class GcodeProgram(Described):
 
     path: ToolPath
     notes: tuple[str, ...]
-    unknown: Annotated[
-        dict[str, int], "Codes without meaning here and how often they stood in the program."
-    ]
+    unknown: Annotated[dict[str, int], "Codes without meaning here, and how often."]
     flavor: FoundFlavor
-    accelerations: Annotated[
-        bool, "Whether the program states accelerations, which are not followed."
-    ]
+    accelerations: Annotated[bool, "Whether the program states accelerations; not followed."]
 
 
 def load_gcode(

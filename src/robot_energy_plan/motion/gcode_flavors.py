@@ -24,25 +24,16 @@ class Flavor(Described):
     """How a machine takes G-code."""
 
     title: str
-    printer: Annotated[
-        bool, "Whether it is a printer, with an extruder E and the words of printers."
-    ] = True
-    rapid_at_feed: Annotated[
-        bool, "Whether G0 moves at the last F, as G1; else at a rapid speed of its own."
-    ] = True
+    printer: Annotated[bool, "Whether it is a printer, with an extruder E."] = True
+    rapid_at_feed: Annotated[bool, "Whether G0 moves at the last F, as G1 does."] = True
     dwell: Annotated[
-        tuple[tuple[str, float], ...],
-        "Time of one unit of each word of G4; the first that stands there counts. [s]",
+        tuple[tuple[str, float], ...], "Time of a unit of G4's words; the first counts. [s]"
     ] = IN_BOTH
     extruder_follows: Annotated[bool, "Whether G90 and G91 count for E too."] = False
     inches: bool = True
-    max_feed: Annotated[
-        float | None, "Speed of one unit of M203; None where M203 is unknown. [m/s]"
-    ] = None
+    max_feed: Annotated[float | None, "Speed of one unit of M203; None: unknown. [m/s]"] = None
     turns: Annotated[bool, "Whether P of an arc is its number of turns."] = False
-    named: Annotated[
-        bool, "Whether there are commands with names instead of a letter and a number."
-    ] = False
+    named: Annotated[bool, "Whether there are commands with names."] = False
 
 
 FLAVORS: Mapping[str, Flavor] = MappingProxyType(

@@ -15,12 +15,17 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.gcode import RAPID_SPEED, GcodeProgram, load_gcode, read_gcode
 from robot_energy_plan.motion.inverse_kinematics import InverseKinematics
+from robot_energy_plan.motion.joint_trajectory import read_bag_trajectory, read_csv_trajectory
 from robot_energy_plan.motion.planned import PlannedMotion, SampledMotion
 from robot_energy_plan.motion.ptp_file import program_for, read_program
 from robot_energy_plan.motion.slicing import Slicing, slice_stl
-from robot_energy_plan.motion.tool_motion import STEP, ToolMotion, ToolPlacement
-from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
-from robot_energy_plan.motion.trajectory_io import read_bag_trajectory, read_csv_trajectory
+from robot_energy_plan.motion.tool_motion import (
+    STEP,
+    TimedPath,
+    ToolLimits,
+    ToolMotion,
+    ToolPlacement,
+)
 
 GCODE = (".gcode", ".gco", ".g", ".nc", ".ngc", ".cnc", ".tap")
 STL = ".stl"
@@ -40,8 +45,7 @@ class ToolOptions(Described):
     )
     start: Annotated[
         Float | None,
-        "Joint positions near the first one; None: the middle of the ranges, bent. Shape (n,). "
-        "[rad] or [m]",
+        "Joint positions near the first; None: mid-range, bent. Shape (n,). [rad] or [m]",
     ] = None
     limits: Annotated[ToolLimits, "Limits of the tool's motion."] = field(
         default_factory=ToolLimits
@@ -59,14 +63,10 @@ class LoadedMotion(Described):
     name: str
     repeat: Annotated[int, "Number of runs that the program itself asks for."] = 1
     notes: tuple[str, ...] = ()
-    length: Annotated[float | None, "Way of the tool, where the program is one of a tool. [m]"] = (
-        None
-    )
+    length: Annotated[float | None, "Way of the tool, where the program has one. [m]"] = None
     printed_length: Annotated[float | None, "Way during which material flows. [m]"] = None
     stops: Annotated[int | None, "Rests of the tool in corners that could not be rounded."] = None
-    full_speed_share: Annotated[float | None, "Share of the way at the programmed speed. [-]"] = (
-        None
-    )
+    full_speed_share: Annotated[float | None, "Share of the way at full speed. [-]"] = None
 
 
 def load_motion(

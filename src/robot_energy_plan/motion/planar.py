@@ -38,15 +38,10 @@ class PlanarArm(Described):
 
     origin: Annotated[Float, "Place of the first joint, in the base frame, shape (3,). [m]"]
     across: Annotated[Float, "Two unit vectors that span the plane, shape (2, 3)."]
-    height: Annotated[
-        float, "Height of the tool along the axes, from the first joint's origin. [m]"
-    ]
+    height: Annotated[float, "Height of the tool along the axes, above the first joint. [m]"]
     normal: Annotated[Float, "Unit vector along the axes, shape (3,)."]
     sense: Annotated[Float, "+1 or -1 per joint, shape (n,)."]
-    link: Annotated[
-        Complex,
-        "Links from joint to joint, the last to the tool, at zero positions, shape (n,). [m]",
-    ]
+    link: Annotated[Complex, "From joint to joint and to the tool, at zero, shape (n,). [m]"]
 
     @classmethod
     def of_robot(cls, robot: Robot, link: str) -> PlanarArm | None:

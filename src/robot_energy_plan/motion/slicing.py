@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -41,9 +42,7 @@ class Slicing(Described):
 
     layer_height: Annotated[float, "Of every layer. [m]"] = 0.01
     speed: Annotated[float, "Of the tool along the outlines. [m/s]"] = 0.125
-    bead_width: Annotated[
-        float, "The path runs half of it inside the surface; 0: on the surface. [m]"
-    ] = 0.0
+    bead_width: Annotated[float, "The path runs half of it inside; 0: on the surface. [m]"] = 0.0
     unit: Annotated[LengthUnit, "Of the coordinates in the file, which does not state it."] = "mm"
 
     def __post_init__(self) -> None:
@@ -80,18 +79,29 @@ def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
             f"1 to {MAX_LAYERS} layers",
             "check the layer height and the unit of the file",
         )
-    writer = _Writer(Path(path).name, options)
     open_cuts = empty = undecided = 0
-    for layer, cut in enumerate(_cuts(mesh, bottom, count, options.layer_height)):
+    layers: list[tuple[float, list[Float]]] = []
+    for layer, cut in enumerate(_cuts(mesh, bottom, count, options.layer_height), 1):
         area, rest, agrees = _area(cut)
         rings = _outlines(area, 0.5 * options.bead_width)
         open_cuts += rest
         empty += not rings
         undecided += not agrees
-        writer.layer(layer + 1, bottom + (layer + 1) * options.layer_height, rings)
-    if not writer.outlines:
-        raise _without_outline(path, open_cuts, options.bead_width)
-    notes = [f"{path} was cut into {count} layers, {writer.outlines} outlines; without infill"]
+        layers.append((bottom + layer * options.layer_height, rings))
+    outlines = sum(len(rings) for _, rings in layers)
+    if not outlines and open_cuts:
+        raise MotionError(
+            f"no layer of {path} has a closed outline: {open_cuts} open cuts",
+            "a closed surface",
+            "close its holes with the repair of a mesh program",
+        )
+    if not outlines:
+        raise MotionError(
+            f"no layer of {path} is wider than a bead of {options.bead_width * 1e3:g} mm",
+            "a wider shape",
+            "check the bead width and the unit of the file",
+        )
+    notes = [f"{path} was cut into {count} layers, {outlines} outlines; without infill"]
     if open_cuts:
         notes.append(f"the shape has holes: {open_cuts} open cuts are left out")
     if empty:
@@ -101,21 +111,7 @@ def slice_stl(path: str | Path, slicing: Slicing | None = None) -> SlicedShape:
             f"in {undecided} layers the normals of the triangles do not agree: an outline within "
             "an outline was taken as a hole"
         )
-    return SlicedShape(writer.text(), count, tuple(notes))
-
-
-def _without_outline(path: str | Path, open_cuts: int, bead_width: float) -> MotionError:
-    if open_cuts:
-        return MotionError(
-            f"no layer of {path} has a closed outline: {open_cuts} open cuts",
-            "a closed surface",
-            "close its holes with the repair of a mesh program",
-        )
-    return MotionError(
-        f"no layer of {path} is wider than a bead of {bead_width * 1e3:g} mm",
-        "a wider shape",
-        "check the bead width and the unit of the file",
-    )
+    return SlicedShape(_traced(Path(path).name, options, layers), count, tuple(notes))
 
 
 def _mesh(path: Path, unit: float) -> Any:
@@ -230,39 +226,27 @@ def _outlines(area: Any, inset: float) -> list[Float]:
     return [np.asarray(line.simplify(MAX_CHORD).coords)[:, :2] for line in closed]
 
 
-class _Writer:
-    """Writes the program, outline by outline."""
-
-    def __init__(self, name: str, options: Slicing) -> None:
-        height, speed = options.layer_height * 1e3, options.speed * 1e3
-        self._lines = [
-            f"; {name}: layers of {height:g} mm, {speed:g} mm/s; infill: none",
-            "; made by robot-energy",
-            ";FLAVOR:LinuxCNC",  # G0 moves at the rapid speed
-            *("G21 ; mm", "G90 ; absolute", "M83 ; E counts from line to line"),
-        ]
-        self._feed = f"F{options.speed * FEED_FACTOR:.10g}"
-        self._place = np.zeros(2)
-        self.outlines = 0
-
-    def layer(self, number: int, height: float, rings: list[Float]) -> None:
-        """Trace the outlines of a layer, the nearest first."""
+def _traced(name: str, options: Slicing, layers: Sequence[tuple[float, list[Float]]]) -> str:
+    """The program that traces the outlines of layers at their heights, the nearest first."""
+    height, speed = options.layer_height * 1e3, options.speed * 1e3
+    lines = [
+        f"; {name}: layers of {height:g} mm, {speed:g} mm/s; infill: none",
+        "; made by robot-energy",
+        ";FLAVOR:LinuxCNC",  # G0 moves at the rapid speed
+        *("G21 ; mm", "G90 ; absolute", "M83 ; E counts from line to line"),
+    ]
+    feed, place = f"F{options.speed * FEED_FACTOR:.10g}", np.zeros(2)
+    for number, (top, rings) in enumerate(layers, 1):
         left = list(rings)
-        self._lines.append(f"; layer {number}")
+        lines.append(f"; layer {number}")
         while left:
-            nearest = [float(np.min(np.hypot(*(ring - self._place).T))) for ring in left]
+            nearest = [float(np.min(np.hypot(*(ring - place).T))) for ring in left]
             ring = left.pop(int(np.argmin(nearest)))[:-1]
-            first = int(np.argmin(np.hypot(*(ring - self._place).T)))
-            ring = np.roll(ring, -first, axis=0)
-            self._place = ring[0]
-            self._lines.append(f"G0 {_words(*ring[0], height)}")
-            for x, y in (*ring[1:], ring[0]):
-                self._lines.append(f"G1 {_words(x, y)} E1 {self._feed}")
-            self.outlines += 1
-
-    def text(self) -> str:
-        """Return the program."""
-        return "\n".join([*self._lines, "M2"]) + "\n"
+            ring = np.roll(ring, -int(np.argmin(np.hypot(*(ring - place).T))), axis=0)
+            place = ring[0]
+            lines.append(f"G0 {_words(*ring[0], top)}")
+            lines += [f"G1 {_words(x, y)} E1 {feed}" for x, y in (*ring[1:], ring[0])]
+    return "\n".join([*lines, "M2"]) + "\n"
 
 
 def _words(*place: float) -> str:

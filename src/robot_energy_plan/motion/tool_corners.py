@@ -53,16 +53,12 @@ class Arc:
 
     start: Annotated[Point, "Where it begins. [m]"]
     end: Annotated[Point, "Where it ends. [m]"]
-    centre: Annotated[
-        tuple[float, float], "Coordinates of the axis, x and y where it is vertical. [m]"
-    ]
+    centre: Annotated[tuple[float, float], "Coordinates of the axis; x and y if vertical. [m]"]
     angle: Annotated[float, "Swept, positive from the first axis of the plane to the second. [rad]"]
     speed: Annotated[float, "Commanded path speed, > 0. [m/s]"]
     source_line: Annotated[int, "Line of the program, from 1; 0 where there is none."] = 0
     extruding: bool = False
-    plane: Annotated[Plane, "Indices of the two axes of its plane and of the axis across."] = (
-        HORIZONTAL
-    )
+    plane: Annotated[Plane, "The two axes of its plane and that across."] = HORIZONTAL
 
     def flat(self, point: Point) -> tuple[float, float]:
         """Return the coordinates of a point in the plane. [m]"""
@@ -152,12 +148,8 @@ class PathPieces(NamedTuple):
     drift: Annotated[Float, "d. [-]"] = ZERO
     commanded: Annotated[Float, "Speed by command. [m/s]"] = NOTHING
     speed: Annotated[Float, "Greatest speed, by command and curvature. [m/s]"] = NOTHING
-    acceleration: Annotated[
-        Float, "Greatest acceleration along the path; 0 on rounded corners. [m/s^2]"
-    ] = NOTHING
-    entry: Annotated[
-        Float, "Greatest speed at the beginning; 0 for a stop, shape (K + 1,). [m/s]"
-    ] = NOTHING
+    acceleration: Annotated[Float, "Greatest along the path; 0 on corners. [m/s^2]"] = NOTHING
+    entry: Annotated[Float, "Greatest speed at the begin; 0: stop, shape (K + 1,). [m/s]"] = NOTHING
     dwell: Annotated[Float, "Rest, of dwells alone. [s]"] = NOTHING
     source_line: Int = NOTHING
 

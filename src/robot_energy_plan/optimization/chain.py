@@ -177,12 +177,8 @@ class Use(ArrayRecord):
     energy: Annotated[Float, "From the grid, shape (P,). [J]"]
     peak: Annotated[Float, "Greatest power from the grid at any temperature, shape (P,). [W]"]
     brake: Annotated[Float, "Energy into the brake resistor, shape (P,). [J]"]
-    columns: Annotated[
-        Float, "Change of the energy with the error of each figure, shape (P, K). [J]"
-    ]
-    torque_use: Annotated[
-        Float, "Greatest share of a torque limit, shape (P,); 0 without limits. [-]"
-    ]
+    columns: Annotated[Float, "Change of the energy by each figure's error, shape (P, K). [J]"]
+    torque_use: Annotated[Float, "Greatest share of a torque limit, shape (P,); 0: no limits. [-]"]
     by_temperature: Annotated[Float, "Energy at each temperature, shape (P, T). [J]"]
 
 

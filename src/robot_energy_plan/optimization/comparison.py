@@ -29,9 +29,7 @@ class ComparedMotion(Described):
     feasible: Annotated[bool, "Whether it was predicted and keeps the limits."]
     message: str
     duration: Annotated[float, "With the wait up to the cycle time. [s]"] = np.nan
-    energy: Annotated[float, "From the grid, import minus return; NaN where not known. [J]"] = (
-        np.nan
-    )
+    energy: Annotated[float, "From the grid, import minus return; NaN: unknown. [J]"] = np.nan
     half: Annotated[float, "Half width of its 90 % band. [J]"] = np.nan
     peak: Annotated[float, "Greatest power from the grid. [W]"] = np.nan
     columns: Annotated[

@@ -167,12 +167,8 @@ class Optimum(Described):
     tried: tuple[Tried, ...]
     plan: Annotated[CyclePlan, "The choice: all measures that change the program, together."]
     cost: Cost
-    saving: Annotated[
-        Saving, "Over the program as it is; of the program alone, without another supply."
-    ]
-    front: Annotated[
-        list[tuple[CyclePlan, Cost]], "Plans without wait, from fast to slow, and what they cost."
-    ]
+    saving: Annotated[Saving, "Over the program as it is, without another supply."]
+    front: Annotated[list[tuple[CyclePlan, Cost]], "Plans without wait, fast to slow; their cost."]
 
 
 def optimise(task: Task) -> Optimum:

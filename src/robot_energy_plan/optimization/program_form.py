@@ -13,11 +13,10 @@ import yaml
 from robot_energy.foundation.files.output_files import COMMENT, TEXT, write_file
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
-from robot_energy_plan.motion.joint_trajectory import JointTrajectory
+from robot_energy_plan.motion.joint_trajectory import JointTrajectory, write_csv, write_trajectory
 from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
 from robot_energy_plan.motion.ptp_file import ProgramFile, program_for, read_program
-from robot_energy_plan.motion.trajectory_io import write_csv, write_trajectory
 from robot_energy_plan.optimization.chain import ACCELERATIONS, SPEEDS, Candidates, PtpMoves
 from robot_energy_plan.optimization.search import CyclePlan
 from robot_energy_plan.optimization.task import ProgramMoves, Task

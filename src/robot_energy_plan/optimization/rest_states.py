@@ -66,9 +66,7 @@ class RestCost(Described):
     """Energy of a rest in a state as a share of the energy of the same rest on brakes."""
 
     held: Annotated[float, "Seconds on brakes that cost as much. [s]"]
-    power_error: Annotated[
-        float, "Its error by one standard deviation of the power, as such seconds. [s]"
-    ]
+    power_error: Annotated[float, "Its error by a standard deviation of the power, likewise. [s]"]
     wake_error: Annotated[float, "The same of the power while it wakes up. [s]"]
 
 

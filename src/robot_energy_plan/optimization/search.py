@@ -208,8 +208,11 @@ def uniform(
     plain = found.law < 0
     for speed in np.unique(found.speed[plain]):
         for rise in np.unique(found.acceleration[plain]):
-            rows = _with_shares(table, speed, rise)
-            if rows is None or not allowed[rows].all():
+            rows = np.flatnonzero((found.acceleration == rise) & (found.speed <= speed))
+            rows = rows[np.lexsort((found.speed[rows], found.move[rows]))]
+            # of each move with these shares, or an equal one with less speed
+            rows = rows[np.diff(found.move[rows], append=table.moves) > 0]
+            if len(rows) < table.moves or not allowed[rows].all():
                 continue
             moving = float(table.use.duration[rows].sum())
             if moving > time + 1e-9:
@@ -218,15 +221,6 @@ def uniform(
             if best is None or energy < best[0]:
                 best = energy, rows
     return None if best is None else best[1]
-
-
-def _with_shares(table: CostTable, speed: float, rise: float) -> Int | None:
-    """Candidate of each move with these shares, or an equal one with less speed."""
-    found = table.candidates
-    rows = np.flatnonzero((found.acceleration == rise) & (found.speed <= speed))
-    rows = rows[np.lexsort((found.speed[rows], found.move[rows]))]
-    taken = rows[np.diff(found.move[rows], append=table.moves) > 0]
-    return taken if len(taken) == table.moves else None
 
 
 def front(

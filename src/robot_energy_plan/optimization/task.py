@@ -52,9 +52,7 @@ class Task(Described):
     moves: Moves
     table: CostTable
     base: CyclePlan
-    allowed: Annotated[
-        NDArray[np.bool_], "Candidates within the limits of torque and peak power, shape (P,)."
-    ]
+    allowed: Annotated[NDArray[np.bool_], "Candidates within torque and peak power, shape (P,)."]
     needed: Annotated[Float, "Rest before each move that the work needs, shape (K,). [s]"]
     cycle_time: Annotated[float | None, "Of one cycle; None: the next one begins at once. [s]"]
     peak_limit: Annotated[float, "Of the power from the grid. [W]"]

@@ -40,21 +40,14 @@ class PathPower(Described):
     velocity: Annotated[Float, "q', joint side, shape (N, n). [rad/s] or [m/s]"]
     acceleration: Annotated[Float, "q'', joint side, shape (N, n). [rad/s^2] or [m/s^2]"]
     speed: Annotated[Float, "Motor velocity at y = 1, shape (N, n). [rad/s]"]
-    still: Annotated[
-        Float, "Torque that holds against gravity, and Coulomb friction, shape (N, n). [N m]"
-    ]
+    still: Annotated[Float, "Torque against gravity, and Coulomb friction, shape (N, n). [N m]"]
     squared: Annotated[Float, "Torque per b, shape (N, n). [N m]"]
     rising: Annotated[Float, "Torque per a, shape (N, n). [N m s^2]"]
     viscous: Annotated[Float, "Torque per y, shape (N, n). [N m]"]
     gravity: Annotated[Float, "Torque that holds against gravity, shape (N, n). [N m]"]
-    friction: Annotated[
-        tuple[Float, Float],
-        "Energy per path time of Coulomb friction, and per y of viscous, shape (N,) each. [W]",
-    ]
+    friction: Annotated[tuple[Float, Float], "Coulomb friction, and viscous per y, shape (N,). [W]"]
     constant: Annotated[float, "Loss of all drives that flows all the time. [W]"]
-    loss: Annotated[
-        tuple[Float, Float], "Loss of drives per path time, and per y, shape (N,) each. [W]"
-    ]
+    loss: Annotated[tuple[Float, Float], "Loss of drives per path time and per y, shape (N,). [W]"]
     copper: Annotated[Float, "Loss per squared torque, shape (n,). [W/(N m)^2]"]
 
     def __getitem__(self, rows: slice) -> PathPower:

@@ -51,9 +51,7 @@ class MeasureResult(Result):
     label: Annotated[str, "The measure in words."]
     changes: Annotated[str, "What is changed."]
     cycle: Annotated[CycleFigures | None, "A cycle with the measure; None where it does not apply."]
-    saving: Annotated[
-        SavingFigures | None, "Saving over the program as it is; None where it does not apply."
-    ]
+    saving: Annotated[SavingFigures | None, "Over the program as it is; None: does not apply."]
     verdict: Annotated[str, "What is claimed, in one sentence."]
 
 
@@ -102,9 +100,7 @@ class BreakEven(Result):
     """From which rest on a state pays."""
 
     state: Annotated[str, "Its name."]
-    shortest_rest: Annotated[
-        Number, "Rest from which it costs less than drives that hold; None: never. [s]"
-    ]
+    shortest_rest: Annotated[Number, "From which it costs less than to hold; None: never. [s]"]
     wake_time: Annotated[float, "[s]"]
     source: Annotated[str, "Where its figures come from."]
 
@@ -114,9 +110,7 @@ class OptimizationReport(Result, name="optimization"):
 
     program: Annotated[str, "Its name."]
     model: Annotated[ModelUsed, "The model used."]
-    cycle_time: Annotated[
-        Number, "Time of one cycle that was given; None: the next one begins at once. [s]"
-    ]
+    cycle_time: Annotated[Number, "Time of one cycle, as given; None: the next begins at once. [s]"]
     peak_limit: Annotated[Number, "Limit of the power from the grid that was given. [W]"]
     cycles_per_year: Annotated[Number, "Cycles in a year that were given; None: not known."]
     before: Annotated[CycleFigures, "The program as it is."]
@@ -125,22 +119,12 @@ class OptimizationReport(Result, name="optimization"):
     measures: Annotated[tuple[MeasureResult, ...], "Each measure alone."]
     moves: Annotated[tuple[MoveChange, ...], "Move by move."]
     rests: Annotated[tuple[RestChange, ...], "Rest by rest."]
-    front: Annotated[
-        tuple[FrontPoint, ...],
-        "Trade-offs of energy, time and peak power, without waits, from fast to slow.",
-    ]
-    temperatures: Annotated[
-        tuple[TemperatureFigures, ...], "At each temperature that was asked for."
-    ]
+    front: Annotated[tuple[FrontPoint, ...], "Trade-offs without waits, from fast to slow."]
+    temperatures: Annotated[tuple[TemperatureFigures, ...], "At each temperature asked for."]
     break_even: Annotated[tuple[BreakEven, ...], "States at rest."]
-    starts: Annotated[
-        tuple[StartTime, ...],
-        "Of this robot, as chosen, and of the others on its supply; empty without others.",
-    ]
+    starts: Annotated[tuple[StartTime, ...], "Of this robot and others on its supply, if any."]
     supply: Annotated[CommonSupply | None, "Power of that supply; None without others."]
-    shared_bus: Annotated[
-        SharedBusReport | None, "Energy of that supply where it is one DC bus; else None."
-    ]
+    shared_bus: Annotated[SharedBusReport | None, "The supply where it is one DC bus; else None."]
     checked_energy: Annotated[float, "Energy of the choice, as live operation predicts it. [J]"]
     how_to_try: Annotated[Texts, "What to do on the robot, in this order."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
@@ -289,9 +273,7 @@ def _at(task: Task, index: int) -> Task:
     table = task.table
     use, held, braked = (
         replace(
-            one,
-            energy=one.by_temperature[:, index],
-            by_temperature=one.by_temperature[:, [index]],
+            one, energy=one.by_temperature[:, index], by_temperature=one.by_temperature[:, [index]]
         )
         for one in (table.use, table.held, table.braked)
     )

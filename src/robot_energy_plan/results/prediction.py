@@ -6,11 +6,7 @@ import numpy as np
 
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.payload import Payload
-from robot_energy.results.auxiliary import (
-    AuxiliaryReport,
-    auxiliary_report,
-    missing_sentences,
-)
+from robot_energy.results.auxiliary import AuxiliaryReport, auxiliary_report, missing_sentences
 from robot_energy.results.base import Number, Result, Texts, count_tags
 from robot_energy.results.energy import (
     EnergyBreakdown,
@@ -38,9 +34,7 @@ class ToolPathReport(Result):
     """Path of the tool, of all repetitions."""
 
     length: Annotated[float, "[m]"]
-    printed_length: Annotated[
-        Number, "Length on which material is laid; None if the program prints nothing. [m]"
-    ]
+    printed_length: Annotated[Number, "Length on which material is laid; None: nothing is. [m]"]
     stops: Annotated[int | None, "Stops of one repetition."]
     full_speed_share: Annotated[Number, "Share of the length at the programmed speed. [-]"]
     energy_per_printed_metre: Annotated[Number, "Energy from the grid per printed metre. [J/m]"]
@@ -57,12 +51,8 @@ class JointLimitUse(Result):
 class FrictionReach(Result):
     """Joints whose friction law does not determine the assumed temperature."""
 
-    extrapolated_joints: Annotated[
-        Texts, "Joints whose friction law was not fitted at that temperature."
-    ]
-    one_temperature_joints: Annotated[
-        Texts, "Joints whose friction law is the same at every temperature."
-    ]
+    extrapolated_joints: Annotated[Texts, "Joints extrapolated to that temperature."]
+    one_temperature_joints: Annotated[Texts, "Joints with the same friction at every temperature."]
 
 
 class PredictionReport(EnergyReport):
@@ -73,30 +63,18 @@ class PredictionReport(EnergyReport):
     program: Annotated[str, "Name of the motion."]
     repeat: Annotated[int, "How often it is made."]
     motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]
-    payload: Annotated[
-        tuple[Payload, ...],
-        "The payload given: it replaces what the model has on the same link and adds to what it "
-        "has on others.",
-    ]
+    payload: Annotated[tuple[Payload, ...], "Given; it replaces the model's on that link alone."]
     time: Annotated[PredictedTime, "Time of the motion."]
     tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]
     limits: Annotated[tuple[JointLimitUse, ...], "Use of the limits of the URDF, in model order."]
-    friction: Annotated[
-        FrictionReach, "Joints whose friction law does not determine the assumed temperature."
-    ]
-    auxiliary: Annotated[
-        AuxiliaryReport | None,
-        "Loads outside of the cabinet in the states that were given; None where the model has "
-        "none.",
-    ] = None
+    friction: Annotated[FrictionReach, "Joints whose law does not hold for that temperature."]
+    auxiliary: Annotated[AuxiliaryReport | None, "Loads outside of the cabinet, if any."] = None
 
 
 class PredictionsReport(Result, name="prediction"):
     """All programs by all robots at all temperatures."""
 
-    runs: Annotated[
-        tuple[PredictionReport, ...], "One prediction for each program, robot and temperature."
-    ]
+    runs: Annotated[tuple[PredictionReport, ...], "One for each program, robot and temperature."]
 
 
 def prediction_report(result: Prediction, motion: LoadedMotion | None = None) -> PredictionReport:

@@ -13,16 +13,18 @@ from robot_energy.results.base import ModelUsed, Number, Result, Texts, model_us
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_plan.motion.planned import PlannedMotion
 from robot_energy_plan.optimization.deviations import FORM_FED_BACK
-from robot_energy_plan.optimization.levelling import Levelling, level_starts, samples_of
 from robot_energy_plan.optimization.task import Task
 from robot_energy_plan.prediction import START_NS, predict
 from robot_energy_plan.shared_bus import (
     ROUNDING,
     BusExchange,
     BusRobot,
+    Levelling,
     PlannedBus,
+    level_starts,
     planned_exchange,
     planned_robot,
+    samples_of,
     shared_cabinet,
 )
 
@@ -37,9 +39,7 @@ class SharedBusRobot(Result):
     energy: Annotated[float, "Energy from the grid with a supply of its own. [J]"]
     brake_energy: Annotated[float, "Energy into its own brake resistor. [J]"]
     peak_power: Annotated[float, "Greatest power from the grid. [W]"]
-    start: Annotated[
-        Number, "Start after that of the cycle, with the best starts; None for recordings. [s]"
-    ]
+    start: Annotated[Number, "Start in the cycle, with the best starts; None for recordings. [s]"]
 
 
 class SharedBusReport(Result, name="shared_bus"):
@@ -59,10 +59,7 @@ class SharedBusReport(Result, name="shared_bus"):
     peak_power_apart: Annotated[float, "Greatest power of all supplies together. [W]"]
     peak_power: Annotated[float, "Greatest power of the supply of the bus. [W]"]
     capacitor_energy: Annotated[float, "Energy that the capacitors of the bus take at most. [J]"]
-    saved_any_start: Annotated[
-        Number, "Mean saving if starts fall anywhere in the cycle, without capacitors; None for "
-        "recordings. [J]"
-    ]  # fmt: skip
+    saved_any_start: Annotated[Number, "Mean saving for starts anywhere, without capacitors. [J]"]
     saved_best: Annotated[Number, "Saving with the best starts found; None for recordings. [J]"]
     half_best: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     peak_power_best: Annotated[Number, "Greatest power of the supply of the bus then. [W]"]
@@ -184,10 +181,7 @@ class CommonSupply(Result):
 
     peak_power_together: Annotated[float, "Greatest power with all starts at once. [W]"]
     peak_power: Annotated[float, "Greatest power with the starts as chosen. [W]"]
-    mean_power: Annotated[
-        float,
-        "Mean power with these starts; with separate supplies it is the same for any starts. [W]",
-    ]
+    mean_power: Annotated[float, "Mean power; with separate supplies for any starts. [W]"]
 
 
 Robots = Sequence[tuple[str, PlannedMotion]]

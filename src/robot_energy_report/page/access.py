@@ -26,9 +26,7 @@ class PageAccess(Described):
 
     address: str
     port: Annotated[int, "TCP port; 0 for any free one."]
-    token: Annotated[
-        str, "What readers of another address, and writers of any, must state; empty for none."
-    ]
+    token: Annotated[str, "What readers from elsewhere and writers must state; empty for none."]
     allow_control: bool
     hosts: Annotated[frozenset[str], "Names in the Host header that are served, without the port."]
 

@@ -28,25 +28,15 @@ class FlowParts(Described):
     """What power or energy from the grid is the sum of, signed; all in [W] or all in [J]."""
 
     joint_names: Sequence[str]
-    rigid: Annotated[
-        Sequence[float], "Into motion and height of each axis; negative while it comes back."
-    ]
+    rigid: Annotated[Sequence[float], "Into motion of each axis; negative while it comes back."]
     friction: Annotated[Sequence[float], "Into friction of each axis, >= 0."]
-    drive_loss: Annotated[
-        Sequence[float], "Into motor and drive of each axis, >= 0; NaN: not modelled, no flow."
-    ]
+    drive_loss: Annotated[Sequence[float], "Of each axis, >= 0; NaN where it is not modelled."]
     loss_dc: Annotated[float, "Constant loss on the DC bus, >= 0."]
     loss_grid: Annotated[float, "Constant loss on the grid side, >= 0."]
     brake: float
-    capacitor: Annotated[
-        float, "Into the capacitor; negative while it gives back; NaN: not modelled, no flow."
-    ]
-    returned: Annotated[
-        float, "Fed back into the grid, >= 0; already subtracted from the grid's sum."
-    ]
-    auxiliary: Annotated[
-        Sequence[tuple[str, float]], "Name and size of each load outside of the cabinet, >= 0."
-    ] = ()
+    capacitor: Annotated[float, "Negative while it gives back; NaN where it is not modelled."]
+    returned: Annotated[float, "Fed back, >= 0; already subtracted from the grid's sum."]
+    auxiliary: Annotated[Sequence[tuple[str, float]], "Name and size of loads outside, >= 0."] = ()
 
     @property
     def terms(self) -> list[float]:
@@ -140,13 +130,10 @@ def known_label(name: str, known_time: float, missing_time: float) -> str:
 
 
 def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
-    """Return the flows of a balance; None where a term is unknown.
+    """Return the flows of a balance; None where a term is unknown. The base is as in `unit_for`.
 
     Only the terms are rounded, so that they sum to the grid's rounded flow; every flow between
     them is a sum of whole units. An axis that feeds back is a source: of what its motion gives.
-
-    Args:
-        base: As of `unit_for`. [W] or [J]
     """
     terms = parts.terms
     if not all(map(math.isfinite, [*terms, parts.returned])):
@@ -205,11 +192,7 @@ def flow_picture(parts: FlowParts, base: float = 1.0) -> FlowPicture | None:
 
 
 def registers_picture(registers: dict[str, Any]) -> FlowPicture | None:
-    """Return flows since the registers were zero, in units readable in Wh; None: unknown.
-
-    Args:
-        registers: As `PageReaders.registers` returns them. [J]
-    """
+    """Return flows since the registers were zero, in units readable in Wh; None: unknown."""
     joints = registers["joints"]
     parts = FlowParts(
         [shown(joint["name"]) for joint in joints],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import date, datetime, timedelta
 from itertools import pairwise
 from typing import Annotated, Any
@@ -68,32 +69,25 @@ class Period(Described):
 
     def moved(self, step: int) -> Period:
         """Return the period that lies so many steps later; of a span, as long as it."""
-        local = self._local(self.start_ns)
-        match self.kind:
-            case "hour":
-                begin = self.start_ns + step * HOUR_NS
-            case "day" | "week":
-                day = local.date() + timedelta(days=step * (7 if self.kind == "week" else 1))
-                begin = day_begin(day, self.zone)
-            case "month" | "year":
-                months = step if self.kind == "month" else 12 * step
-                year, month = divmod(local.year * 12 + local.month - 1 + months, 12)
-                begin = day_begin(date(year, month + 1, 1), self.zone)
-            case _:
-                length = self.stop_ns - self.start_ns
-                return Period(
-                    SPAN, self.start_ns + step * length, self.stop_ns + step * length,
-                    self.resolution, self.zone,
-                )  # fmt: skip
+        if self.kind == SPAN:
+            by = step * (self.stop_ns - self.start_ns)
+            return replace(self, start_ns=self.start_ns + by, stop_ns=self.stop_ns + by)
+        if self.kind == "hour":
+            return period_at("hour", self.start_ns + step * HOUR_NS, self.zone)
+        day = self._local(self.start_ns).date()
+        if self.kind in ("day", "week"):
+            day += timedelta(days=step * (7 if self.kind == "week" else 1))
+        else:
+            months = step if self.kind == "month" else 12 * step
+            year, month = divmod(day.year * 12 + day.month - 1 + months, 12)
+            day = date(year, month + 1, 1)
+        begin = day_begin(day, self.zone)
         return period_at(self.kind, begin, self.zone)
 
     def same_part(self, until_ns: int) -> int:
-        """Return until when the period before lasts to be as long as this one up to an instant.
+        """Return until when the period before is as long as this one up to a quarter hour. [ns]
 
-        By local clock, so that a day of 23 hours is compared up to the same hour. [ns]
-
-        Args:
-            until_ns: A quarter hour within this period. [ns]
+        By local clock, so that a day of 23 hours is compared up to the same hour.
         """
         before = self.moved(-1)
         gone = self._wall(until_ns) - self._wall(self.start_ns)
@@ -171,11 +165,7 @@ def span_of(start_ns: int, stop_ns: int, zone: ZoneInfo) -> Period:
 
 
 def instant(text: str, zone: ZoneInfo) -> int:
-    """Return an instant that a request names. [ns]
-
-    Args:
-        text: A date, or date and time, local to the zone unless it says its offset.
-    """
+    """Return an instant that a request names, local to the zone unless it says its offset. [ns]"""
     stamp_ns = stamp_of(text, zone)
     if not 0 <= stamp_ns < MAX_NS:
         raise HistoryError(f"time '{text[:40]}'", "one from 1970 to 2190")
@@ -193,13 +183,13 @@ PARTS: dict[str, tuple[str, ...]] = {
 PHASES: dict[str, tuple[str, ...]] = {
     "moves": ("motion",), "holds": ("hold",), "generates": ("generating",),
 }  # fmt: skip
+PARTS_OF_GROUP = {"part": PARTS, "phase": PHASES}
 JOINT_PARTS = ("rigid", "friction", "drive_loss")  # electrical energy into the drive of a joint
 GROUPS = ("robot", "cell", "part", "phase", "joint", "job")
 FIGURES = {
-    "energy": (IMPORT,), "returned": ("predicted_return_microjoule",),
-    "motion": ("motion_microjoule",), "hold": ("hold_microjoule",),
-    "standby": ("standby_microjoule",), "friction": ("friction_microjoule",),
-    "measured": ("measured_microjoule",), "at_meter": ("predicted_microjoule_at_meter",),
+    "energy": IMPORT, "motion": "motion_microjoule", "hold": "hold_microjoule",
+    "standby": "standby_microjoule", "friction": "friction_microjoule",
+    "measured": "measured_microjoule", "at_meter": "predicted_microjoule_at_meter",
 }  # fmt: skip
 TIMES = {"observed": "observed_ns", "compared": "compared_ns", "standby_time": "standby_ns"}
 RESTS = {"night": "at night", "weekend": "at the weekend, nights included"}
@@ -238,17 +228,12 @@ def summed(table: TimeSeries) -> list[Row]:
 def less(rows: Sequence[Row], open_rows: Sequence[Row]) -> list[Row]:
     """The same without the quarter hour that goes on; who has nothing else is left out."""
     last = {row["robot"]: row for row in open_rows}
-    found = (_less(row, last[row["robot"]]) if row["robot"] in last else row for row in rows)
+    kept = (*KEPT, "flags", PEAK)
+    found: list[Row] = []
+    for row in rows:
+        other = last.get(row["robot"], {})
+        found.append({k: v if k in kept else v - other.get(k, 0) for k, v in row.items()})
     return [row for row in found if row["observed_ns"] or row[IMPORT]]
-
-
-def _less(one: Row, other: Row) -> Row:
-    left = {
-        name: value - other.get(name, 0)
-        for name, value in one.items()
-        if name not in (*KEPT, "flags", PEAK)
-    }
-    return {**one, **left}
 
 
 def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, Any]]:
@@ -256,9 +241,7 @@ def figures_by_robot(rows: Sequence[Row], emits: bool) -> dict[str, dict[str, An
     found: dict[str, dict[str, Any]] = {}
     for row in rows:
         priced = row.get("priced_microjoule", 0)
-        figures: dict[str, Any] = {
-            name: sum(row[column] for column in columns) / 1e6 for name, columns in FIGURES.items()
-        }
+        figures: dict[str, Any] = {name: row[column] / 1e6 for name, column in FIGURES.items()}
         figures |= {name: row[column] / SECOND_NS for name, column in TIMES.items()}
         if not row["compared_ns"]:
             figures["measured"] = figures["at_meter"] = None
@@ -317,7 +300,7 @@ def series_of(period: Period, group: str, rows: Sequence[Row], alone: bool) -> l
             values = sums.setdefault(name, [None] * len(places))
             place = places[row["stamp_ns"]]
             values[place] = (values[place] or 0.0) + value / 1e6
-    if group in ("part", "phase"):
+    if group in PARTS_OF_GROUP:
         return [{"name": name, "values": values} for name, values in sums.items()]
     order = sorted(sums, key=lambda name: -sum(value or 0.0 for value in sums[name]))
     shown, others = order[:MAX_SERIES], order[MAX_SERIES:]
@@ -335,20 +318,15 @@ def _values(group: str, row: Row, alone: bool) -> list[tuple[str, int]]:
     def total(names: Sequence[str]) -> int:
         return sum(row[f"{name}_microjoule"] for name in names)
 
-    match group:
-        case "part":
-            return [(name, total(columns)) for name, columns in PARTS.items()]
-        case "phase":
-            return [(name, total(columns)) for name, columns in PHASES.items()]
-        case "joint":
-            name = row["joint"] if alone else f"{row['robot']} {row['joint']}"
-            return [(name, total(JOINT_PARTS))]
-        case "job":
-            return [(row["job"], row[IMPORT])]
-        case "cell":  # the first part of its name, as in the name space of its nodes
-            return [(row["robot"].partition("/")[0], row[IMPORT])]
-        case _:
-            return [(row["robot"], row[IMPORT])]
+    if group in PARTS_OF_GROUP:
+        return [(name, total(columns)) for name, columns in PARTS_OF_GROUP[group].items()]
+    if group == "joint":
+        name = row["joint"] if alone else f"{row['robot']} {row['joint']}"
+        return [(name, total(JOINT_PARTS))]
+    name = row["job" if group == "job" else "robot"]
+    if group == "cell":  # the first part of its name, as in the name space of its nodes
+        name = name.partition("/")[0]
+    return [(name, row[IMPORT])]
 
 
 def remarks_of(rows: Sequence[Row]) -> list[str]:

@@ -11,19 +11,17 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH, SECOND_NS
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_history.api import History, history, history_events, history_friction, job_sums
 from robot_energy_history.differences import SLOT_NS
-from robot_energy_history.files import open_reader, reader
+from robot_energy_history.files import JOB_SUMS, open_reader, reader
 from robot_energy_history.queries import Resolution, robots_of, rows_of, zone_of
 from robot_energy_history.savings import BAND, DRIVERS, EnergySavings, savings_by_robot
-from robot_energy_history.schema import JOB_SUMS
 from robot_energy_history.tariffs import Tariff, add_tariffs, day_begin, stored_tariffs
 from robot_energy_report.page.history_figures import (
     GROUPS,
@@ -51,20 +49,15 @@ MAX_DEVIATIONS = 8  # days that are named
 MAX_JOINTS = 60  # rows of learned friction
 
 
-class SavingsWish(Described):
-    """What days are compared, and what explains their energy."""
+def savings_answer(
+    folder: Path, wish: Wish, asked: Mapping[str, Sequence[str]], now_ns: int
+) -> dict[str, Any]:
+    """Return what robots saved, those with the surest change first; one robot day by day.
 
-    baseline: Annotated[tuple[int, int], "Begin of its first day and end of its last. [ns]"]
-    reported: Annotated[
-        tuple[int, int], "The same of the days that are compared: whole ones that are over. [ns]"
-    ]
-    drivers: tuple[str, ...]
-    measured: Annotated[bool, "Whether the energy is that of the meter."]
-
-
-def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int) -> SavingsWish:
-    """Return what a request asks for."""
-    zone = period.zone
+    Args:
+        asked: ``baseline_start``, ``baseline_stop``, ``driver``, several, and ``measured``.
+    """
+    period, zone = wish.period, wish.period.zone
     first = {name: values[0] for name, values in asked.items() if values}
     start, stop = (
         period_at("day", instant(first.get(name, ""), zone), zone).start_ns
@@ -83,26 +76,18 @@ def savings_wish(asked: Mapping[str, Sequence[str]], period: Period, now_ns: int
     drivers = tuple(dict.fromkeys(asked.get("driver", ())))
     if unknown := [name for name in drivers if name not in DRIVERS]:
         raise HistoryError(f"a driver '{unknown[0][:20]}'", ", ".join(DRIVERS))
-    return SavingsWish((start, stop), reported, drivers, first.get("measured") == "1")
-
-
-def savings_answer(
-    folder: Path, robots: Sequence[str], period: Period, wish: SavingsWish
-) -> dict[str, Any]:
-    """Return what robots saved, those with the surest change first; one robot day by day."""
+    baseline, measured = (start, stop), first.get("measured") == "1"
     found, failed = savings_by_robot(
-        folder, wish.baseline, wish.reported, wish.drivers, robots, period.zone.key,
-        measured=wish.measured,
-    )  # fmt: skip
+        folder, baseline, reported, drivers, wish.robots, zone.key, measured=measured
+    )
     rows: list[dict[str, Any]] = [{"robot": name, **_total(one)} for name, one in found.items()]
     rows.sort(key=lambda row: -abs(float(row["saved"])) / max(float(row["band"]), 1e-9))
     alone = next(iter(found.values())) if len(found) == 1 and not failed else None
-    name = Period("span", *wish.baseline, "day", period.zone).name
     return {
-        "baseline": name,
-        "drivers": wish.drivers,
-        "measured": wish.measured,
-        "reported": Period("span", *wish.reported, "day", period.zone).name,
+        "baseline": Period("span", *baseline, "day", zone).name,
+        "drivers": drivers,
+        "measured": measured,
+        "reported": Period("span", *reported, "day", zone).name,
         "rows": rows,
         "left_out": [{"robot": name, "why": str(error)} for name, error in failed.items()],
         "one": None if alone is None else _one(alone, period),
@@ -225,11 +210,7 @@ class HistoryView:
         return Wish(period, tuple(dict.fromkeys(asked.get("robot", ()))), group)
 
     def answer(self, wish: Wish, now_ns: int) -> dict[str, Any]:
-        """Return what the page draws.
-
-        Returns:
-            Energies in J, times in s since 1970; None where nothing was recorded.
-        """
+        """Return what the page draws: energies in J, times in s since 1970; None: not recorded."""
         with reader(self.folder) as connection:
             known = list(robots_of(connection))
             robots_of(connection, wish.robots)
@@ -374,16 +355,10 @@ class HistoryView:
     def _ended(
         self, wish: Wish, period: Period, whole: bool, names: Sequence[str] = SHOWN_OF_JOBS
     ) -> TimeSeries:
-        """Jobs that ended, in each part of a period or in all of it."""
         bounds = [period.start_ns, period.stop_ns] if whole else period.bounds
         return job_sums(self.folder, bounds, wish.robots, names)
 
     def _jobs(self, wish: Wish, ended: Sequence[Row], before: Period) -> list[dict[str, Any]]:
-        """Jobs of each name and robot that ended in all parts, next to those of the period before.
-
-        Args:
-            ended: Of each part of the period, or of all of it.
-        """
         earlier = rows_of(self._ended(wish, before, whole=True))
         means = {(one["robot"], one["job"]): one["microjoule_per_part"] / 1e6 for one in earlier}
         sums: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)

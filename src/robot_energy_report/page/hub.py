@@ -115,11 +115,7 @@ class PageHub:
         return [next((one for one in robots if one.name == name), robots[0])]
 
     def state(self, now: float, name: str = "") -> dict[str, Any]:
-        """Return what a page begins with as plain values, with the rings.
-
-        Args:
-            now: As of `tick`. [s]
-        """
+        """Return what a page begins with, with the rings; time as in `PageHub.tick`."""
         with self.lock:
             found = self._state(now, name)
             if self.many:
@@ -128,11 +124,7 @@ class PageHub:
             return found
 
     def snapshots(self, now: float) -> list[dict[str, Any]]:
-        """Return all robots as plain values; of many the lock is free in between.
-
-        Args:
-            now: As of `tick`. [s]
-        """
+        """Return all robots, the lock free in between; time as in `PageHub.tick`."""
         found: list[dict[str, Any]] = []
         for robot in list(self.robots.values()):
             with self.lock:

@@ -20,7 +20,7 @@ from robot_energy_report.page.alarms import PageFinding
 from robot_energy_report.page.json_numbers import json_number
 
 LOAD_POWERS = ("state", "remarks", "power", "model_power", "measured_power")
-LOAD_ENERGIES = ("energy", "known_time", "missing_time", "missing_count", "outlet_energy")
+LOAD_ENERGIES = ("energy", "known_time", "missing_time", "outlet_energy")
 SENTENCES = {
     Remark.STATE_UNKNOWN: (
         "its state is not known",
@@ -129,15 +129,15 @@ POWERS = (
     "predicted_power_upper",
 )  # the channels of the history
 TOTALS = ("loss_dc", "loss_grid", "brake_power", "capacitor_power", "returned_power")
-STATE = ("coverage", "measurement_age", "payload_mass", "band")
+STATE = ("coverage", "band")
 JOINT_POWERS = ("rigid_power", "friction_power", "drive_loss")
 JOINT_STATE = ("motor_temperature_degc", "motor_torque", "motor_velocity", "coulomb", "viscous")
 ENERGIES = (
-    "predicted_import_energy", "predicted_return_energy", "predicted_energy_std",
-    "predicted_energy_band", "measured_energy", "predicted_energy_at_meter", "brake_energy",
-    "loss_dc_energy", "loss_grid_energy", "capacitor_energy",
+    "predicted_import_energy", "predicted_return_energy", "predicted_energy_band",
+    "measured_energy", "predicted_energy_at_meter", "brake_energy", "loss_dc_energy",
+    "loss_grid_energy", "capacitor_energy",
 )  # fmt: skip
-OUTLET = ("outlet_energy", "outlet_cabinet_energy", "outlet_time")
+OUTLET = ("outlet_energy", "outlet_time")
 TIMES = ("observed_time", "gap_time", "comparison_time", "gap_count")
 JOINT_ENERGIES = tuple(JOINT_FIELDS.values())
 MAX_JOINTS = 100  # of a robot whose messages are taken
@@ -169,7 +169,7 @@ class PageReaders:
         self._friction = Decoder(
             JOINT_FRICTION,
             (
-                *STAMP, "joint_names", "viscous_std", "temperature_source", "stale_after",
+                *STAMP, "joint_names", "temperature_source", "stale_after",
                 "temperature_stamp.sec", "temperature_stamp.nanosec",
             ),
         )  # fmt: skip
@@ -179,11 +179,9 @@ class PageReaders:
         return _usable(self._power, batch, "joints.name")
 
     def registers(self, batch: RawBatch) -> dict[str, Any] | None:
-        """Return the fields of the newest usable register message, or None.
+        """Return the fields of the newest registers, or None; batch as in `PageReaders.power`.
 
         Energies of the robot are NaN while no time was observed: 0 J would be a result.
-
-        Argument as in `PageReaders.power`.
         """
         runs = _usable(self._registers, batch, "joints.name")
         if not runs:
@@ -207,23 +205,18 @@ class PageReaders:
         return found
 
     def friction(self, batch: RawBatch) -> dict[str, dict[str, Any]] | None:
-        """Return the newest friction of each joint by its name, or None.
-
-        Argument as in `PageReaders.power`.
-        """
+        """Return the newest friction of each joint, or None; batch as in `PageReaders.power`."""
         runs = _usable(self._friction, batch, "joint_names")
         if not runs:
             return None
         run = runs[-1]
-        names = run.names("joint_names")
-        columns = [run.array("temperature_source"), run.array("viscous_std")]
-        if any(column.ndim != 2 or column.shape[1] != len(names) for column in columns):
+        names, source = run.names("joint_names"), run.array("temperature_source")
+        if source.ndim != 2 or source.shape[1] != len(names):
             return None
         taken = stamp_ns(run, "temperature_stamp")[-1]
         return {
             name: {
-                "source": int(columns[0][-1, place]),
-                "viscous_std": float(columns[1][-1, place]),
+                "source": int(source[-1, place]),
                 "temperature_time": float(taken[place]) * NANOSECOND if taken[place] > 0 else None,
                 "stale_after": float(run.array("stale_after")[-1]),
             }
@@ -251,7 +244,6 @@ def net_energy(registers: dict[str, Any]) -> float:
 
 
 def _newest_rows(run: Run, entries: str, fields: Sequence[str]) -> list[dict[str, Any]]:
-    """Name and fields of each joint or load in the newest message of a run."""
     newest = {field: run.array(f"{entries}.{field}")[-1] for field in fields}
     return [
         {"name": name, **{field: float(newest[field][place]) for field in fields}}

@@ -102,11 +102,7 @@ LEVELS = ("WARN", "ERROR", "STALE")
 
 
 def metrics_text(hub: PageHub, now: float) -> bytes:
-    """Return all metrics in the OpenMetrics format.
-
-    Args:
-        now: As of `PageHub.tick`. [s]
-    """
+    """Return all metrics as OpenMetrics; time as in `robot_energy_report.page.hub.PageHub.tick`."""
     registry = CollectorRegistry()
     registry.register(_Robots(hub.snapshots(now)))
     written: bytes = cast("Any", exposition).generate_latest(registry)
@@ -118,7 +114,6 @@ class _Robots(Collector):
         self._robots = robots
 
     def collect(self) -> Iterator[Any]:
-        """Yield every family with the samples of all robots."""
         families: dict[str, Any] = {}
         for metric in METRICS.values():
             kind = CounterMetricFamily if metric.counter else GaugeMetricFamily
@@ -126,48 +121,27 @@ class _Robots(Collector):
                 metric.name, metric.text, labels=metric.labels, unit=metric.unit
             )
         for robot in self._robots:
-            for name, labels, value in _first_of_each(_gauges(robot)):
-                known = math.nan if value is None else value
-                families[name].add_metric((robot["name"], *labels), known)
             registers = robot["registers"]
-            if registers is not None and not registers["recording"]:
-                counters = _counters(registers, robot["auxiliary"])
-                nothing = registers["observed_time"] == 0.0  # counted: where a counter begins
-                for name, labels, found in _first_of_each(counters):
-                    value = 0.0 if found is None and nothing else found
-                    if value is not None and value >= 0:  # else it is not known: no sample
-                        families[name].add_metric(
-                            (robot["name"], *labels), value, created=registers["energy_start"]
-                        )
+            nothing = registers is not None and registers["observed_time"] == 0.0
+            found: dict[tuple[str, Labels], float | None] = {}
+            for name, labels, value in _samples(robot):  # the first of each, as of two equal joints
+                found.setdefault((name, labels), value)
+            for (name, labels), value in found.items():
+                words: dict[str, Any] = {}
+                if METRICS[name].counter:
+                    value = 0.0 if value is None and nothing else value  # where it begins
+                    words = {"created": robot["registers"]["energy_start"]}
+                    if value is None or value < 0:  # not known: no sample
+                        continue
+                known = math.nan if value is None else value
+                families[name].add_metric((robot["name"], *labels), known, **words)
         yield from families.values()
 
 
 Sample = tuple[str, Labels, float | None]
 
 
-def _first_of_each(samples: Iterator[Sample]) -> Iterator[Sample]:
-    """Leave out repeated series, as of messages that name a joint twice: no scrape takes them."""
-    met: set[tuple[str, Labels]] = set()
-    for sample in samples:
-        if sample[:2] not in met:
-            met.add(sample[:2])
-            yield sample
-
-
-def _counters(registers: Mapping[str, Any], loads: Sequence[Mapping[str, Any]]) -> Iterator[Sample]:
-    for part, register in REGISTERS.items():
-        yield "robot_energy_joules", (part,), registers[register]
-    for joint in registers["joints"]:
-        label = (joint["name"],)
-        yield "robot_joint_friction_energy_joules", label, joint["friction_energy"]
-        yield "robot_joint_drive_loss_energy_joules", label, joint["drive_loss_energy"]
-    for load in loads:
-        yield "robot_auxiliary_missing_seconds", (load["name"],), load["missing_time"]
-    yield "robot_energy_observed_seconds", (), registers["observed_time"]
-    yield "robot_energy_gap_seconds", (), registers["gap_time"]
-
-
-def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
+def _samples(robot: Mapping[str, Any]) -> Iterator[Sample]:
     power, registers = robot["power"], robot["registers"]
     means: dict[str, Any] = robot["means"] or {}
     for source, name in SOURCES.items():
@@ -188,9 +162,21 @@ def _gauges(robot: Mapping[str, Any]) -> Iterator[Sample]:
     for level in LEVELS:
         count = sum(one["level"] == level for one in robot["findings"])
         yield "robot_energy_findings", (level.lower(),), float(count)
-    if registers is not None:
-        yield "robot_energy_persisted", (), float(registers["persisted"])
-        for source, name in AT_METER.items():
-            yield "robot_energy_at_meter_joules", (source,), registers[name]
-        yield "robot_energy_band_joules", (), registers["predicted_energy_band"]
-        yield "robot_outlet_energy_joules", (), registers["outlet_energy"]
+    if registers is None:
+        return
+    if not registers["recording"]:
+        for part, register in REGISTERS.items():
+            yield "robot_energy_joules", (part,), registers[register]
+        for joint in registers["joints"]:
+            label = (joint["name"],)
+            yield "robot_joint_friction_energy_joules", label, joint["friction_energy"]
+            yield "robot_joint_drive_loss_energy_joules", label, joint["drive_loss_energy"]
+        for load in robot["auxiliary"]:
+            yield "robot_auxiliary_missing_seconds", (load["name"],), load["missing_time"]
+        yield "robot_energy_observed_seconds", (), registers["observed_time"]
+        yield "robot_energy_gap_seconds", (), registers["gap_time"]
+    yield "robot_energy_persisted", (), float(registers["persisted"])
+    for source, name in AT_METER.items():
+        yield "robot_energy_at_meter_joules", (source,), registers[name]
+    yield "robot_energy_band_joules", (), registers["predicted_energy_band"]
+    yield "robot_outlet_energy_joules", (), registers["outlet_energy"]

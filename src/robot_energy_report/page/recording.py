@@ -27,13 +27,9 @@ BAD_BAG = "record it again; what could be read is shown"
 
 
 class RecordedPage:
-    """Fills a page from a replay.
+    """Fills a page from a replay."""
 
-    Attributes:
-        period: Of the means that go into the history. [s]
-    """
-
-    period = 0.1
+    period = 0.1  # of the means that go into the history [s]
 
     def __init__(self, title: str, model: RobotModel, settings: PageSettings) -> None:
         self.hub = PageHub(title, settings, live=False)
@@ -87,9 +83,4 @@ def _counted(sentences: list[str]) -> Iterable[tuple[int, str]]:
 
 
 def _batch(msgtype: str, rows: NDArray[np.uint8]) -> RawBatch:
-    """Messages of equal size, one a row, as a batch."""
-    count, size = rows.shape
-    times = np.zeros(count, dtype=np.int64)
-    length = np.full(count, size, dtype=np.int64)
-    offset = np.arange(count, dtype=np.int64) * size
-    return RawBatch("page", msgtype, times, np.ascontiguousarray(rows).reshape(-1), offset, length)
+    return RawBatch.from_messages("page", msgtype, [0] * len(rows), [one.tobytes() for one in rows])

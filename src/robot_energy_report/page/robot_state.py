@@ -57,8 +57,6 @@ LIVE_WIDTH, HOUR_WIDTH = 0.2, 6.0  # of a bucket [s]; 600 of them: two minutes, 
 
 
 class _Recent(NamedTuple):
-    """Power states of about the last second, in order."""
-
     stamp_ns: Any
     period: Float
     parts: Float  # (N, terms of a flow and the powers)
@@ -131,11 +129,7 @@ class RobotState:
         self._intervals = list(intervals)
 
     def stale(self, now: float) -> bool:
-        """Whether no power state has arrived for too long.
-
-        Args:
-            now: As of `take_power`. [s]
-        """
+        """Whether no power state has arrived for too long; time as in `RobotState.take_power`."""
         if not self._live:
             return False
         if self._received is None or self._newest is None:
@@ -148,10 +142,7 @@ class RobotState:
         return self._registers
 
     def power(self, now: float) -> dict[str, Any]:
-        """Return the few figures that change several times a second, as plain values.
-
-        Argument as in `RobotState.stale`.
-        """
+        """Return the figures that change several times a second; as in `RobotState.take_power`."""
         newest = self._newest
         stale = self.stale(now)
         if newest is None:
@@ -170,10 +161,7 @@ class RobotState:
         return {name: ring.table() for name, ring in self.rings.items()}
 
     def snapshot(self, now: float) -> dict[str, Any]:
-        """Return everything but the history as plain values; None where unknown or stale.
-
-        Argument as in `RobotState.stale`.
-        """
+        """Return all but the history, None where unknown; time as in `RobotState.take_power`."""
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
         seen = newest is not None and not stale
@@ -183,7 +171,6 @@ class RobotState:
             "name": self.name,
             "model_id": newest["model_id"] if newest else None,
             "meter": location.name,
-            "age": None if self._received is None or not self._live else now - self._received,
             "power": self.power(now),
             **{name: json_number(newest[name], 4) if newest and seen else None for name in STATE},
             "means": self._means() if seen else None,
@@ -203,7 +190,7 @@ class RobotState:
         }
 
     def overview(self, now: float) -> dict[str, Any]:
-        """Return a row among many robots as plain values; argument as in `RobotState.stale`."""
+        """Return a row among many robots; argument as in `RobotState.take_power`."""
         power, found = self.power(now), self._registers
         return {
             "name": self.name,
@@ -244,7 +231,7 @@ class RobotState:
             "auxiliary": newest_loads(run),
             "outlet_power": float(run.array("outlet_power")[-1]),
             "meter_location": location if location < len(MeterLocation) else 0,
-            **{name: float(run.array(name)[-1]) for name in POWERS + TOTALS + STATE},
+            **{name: float(run.array(name)[-1]) for name in POWERS + STATE},
             **{
                 name: run.array(f"joints.{name}").reshape(len(stamp), -1)[-1]
                 for name in JOINT_STATE
@@ -252,7 +239,6 @@ class RobotState:
         }
 
     def _span(self, ring: HistoryRing) -> dict[str, Any]:
-        """Energy and covered time of a ring, and its covered share."""
         seconds, joule = float(ring.seconds()[0]), float(ring.energy()[0])
         return {
             "energy": json_number(joule),
@@ -329,8 +315,6 @@ class RobotState:
                     **values,
                     **powers,
                     "temperature_source": source if live else TemperatureOrigin.UNKNOWN.name,
-                    "temperature_age": json_number(old, 3) if live else None,
-                    "viscous_std": json_number(friction.get("viscous_std"), 3) if live else None,
                 }
             )
         return rows

@@ -37,52 +37,15 @@ TERMS = {
 }
 """Meaning by term, as in the glossary."""
 
-ENDINGS = {"drive loss": "(?:es)?", "gap": "s?", "residual": "s?", "tag": "s?"}
-_TERM = re.compile(
-    r"(?<![\w-])(?:"
-    + "|".join(
-        f"({re.escape(term)}{ENDINGS.get(term, '')})"
-        for term in sorted(TERMS, key=len, reverse=True)
-    )
-    + r")(?![\w-])",
-    re.IGNORECASE,
-)
-_BY_GROUP = sorted(TERMS, key=len, reverse=True)
-_TAG = re.compile(r"(<[^>]*>)")
-LEFT_AS_THEY_ARE = (
-    *("a", "abbr", "button", "code", "figure", "h1", "h2", "h3", "h4", "option", "pre", "script"),
-    *("style", "title"),
-)
 
-
-def with_hints(html: str) -> tuple[str, list[str]]:
-    """Return HTML with a hint at the first place of each term, and the terms that occur.
-
-    Args:
-        html: Well formed; titles, code, links and figures are left as they are.
-    """
-    found: list[str] = []
-    inside: list[str] = []
-    parts = _TAG.split(html)
-    for place, part in enumerate(parts):
-        if place % 2:
-            name = part.strip("</>").split(maxsplit=1)[0].lower() if part.strip("</>") else ""
-            if name in LEFT_AS_THEY_ARE:
-                if part.startswith("</"):
-                    inside.pop()
-                elif not part.endswith("/>"):
-                    inside.append(name)
-        elif part and not inside:
-            parts[place] = _TERM.sub(lambda match: _hinted(match, found), part)
-    return "".join(parts), sorted(found, key=str.lower)
-
-
-def _hinted(match: re.Match[str], found: list[str]) -> str:
-    term = _BY_GROUP[(match.lastindex or 1) - 1]
-    if term in found:
-        return match[0]
-    found.append(term)
-    return f'<abbr title="{TERMS[term]}">{match[0]}</abbr>'
+def terms_in(html: str) -> list[str]:
+    """Return the terms that occur in the text of a page, but for code and figures."""
+    text = re.sub(r"<(code|pre|figure)\b.*?</\1>|<[^>]*>", " ", html, flags=re.DOTALL)
+    return [
+        term
+        for term in sorted(TERMS, key=str.lower)
+        if re.search(rf"(?<![\w-]){re.escape(term)}(?:e?s)?(?![\w-])", text, re.IGNORECASE)
+    ]
 
 
 SCRIPTS = (
@@ -166,16 +129,13 @@ def inline_parts(scripts: tuple[str, ...] = REPORT_SCRIPTS) -> tuple[str, str]:
 
 def _content(name: str) -> bytes:
     content = (files("robot_energy_report.page") / "static" / name).read_bytes()
-    return _explained(content.decode()).encode() if name.endswith(".html") else content
-
-
-def _explained(html: str) -> str:
-    """Return a page with hints at its terms, and with the list of all of them."""
+    if not name.endswith(".html"):
+        return content
     rows = "".join(
         f"<div><dt>{term}</dt><dd>{meaning}</dd></div>" for term, meaning in TERMS.items()
     )
     terms = f'<details id="terms" class="card"><summary>Terms</summary><dl>{rows}</dl></details>\n'
-    return with_hints(html)[0].replace("</main>", f"{terms}</main>")
+    return content.replace(b"</main>", f"{terms}</main>".encode())
 
 
 def _text(name: str) -> str:

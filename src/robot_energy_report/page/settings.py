@@ -13,13 +13,13 @@ from robot_energy_history.tariffs import Prices
 
 
 class PageSettings(Prices):
-    """Settings of the page; all have defaults.
+    """Settings of the page; all have defaults."""
 
-    Attributes:
-        shift_hours: Length of the longest live history. [h]
-    """
-
-    shift_hours: Annotated[float, Field(ge=1.0, le=24.0, allow_inf_nan=False)] = 8.0
+    shift_hours: Annotated[
+        float,
+        Field(ge=1.0, le=24.0, allow_inf_nan=False),
+        "Length of the longest live history. [h]",
+    ] = 8.0
 
 
 class CostCounter:

@@ -1,30 +1,44 @@
-"""The web application: fixed routes, checked headers, one stream of events for each page."""
+"""The web application: fixed routes, checked headers, one stream of events for each page.
+
+Answers of the history are made by threads, never by the one of the live page.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import gzip
+import json
 import time
 from collections import Counter
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any, cast
 
+from pydantic import ValidationError
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import Message, Receive, Scope, Send
 
 from robot_energy.accounting.plain_text import MAX_REASON, require_plain_text
-from robot_energy.foundation.errors import RegisterError
+from robot_energy.foundation.errors import HistoryError, RegisterError, RobotEnergyError
+from robot_energy.foundation.schema_errors import refusal
+from robot_energy_history.tariffs import Tariff
 from robot_energy_report.page.access import PageAccess
-from robot_energy_report.page.answers import json_of, packed, takes_gzip
-from robot_energy_report.page.history_routes import HistoryRoutes
+from robot_energy_report.page.history_view import (
+    HistoryView,
+    Wish,
+    friction_answer,
+    savings_answer,
+)
 from robot_energy_report.page.hub import ACTIONS, PageHub
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.metrics import OPENMETRICS, metrics_text
 from robot_energy_report.page.saved_page import FILES, saved_page, static_file
 
 MAX_BODY = 2048  # of a request [bytes]
-BODY_TIMEOUT = 5.0  # for an action [s]
 MAX_STREAMS = 64  # pages that are open at the same time
 BEAT = 1.0  # a stream without news sends a comment this often [s]
 POLICY = (
@@ -41,6 +55,101 @@ HEADERS = {
     "cache-control": "no-store",
 }
 OPEN_PATHS = frozenset(FILES)  # hold no figures; everything else needs the token where there is one
+WORKERS = 2  # answers that are worked on at the same time; the live page has a thread of its own
+MAX_WAITING = 32  # requests beyond it are refused
+MAX_TARIFF = 16 * 1024  # of a request with one [bytes]
+Asked = dict[str, list[str]]
+Answer = Callable[[Wish, Asked, int], dict[str, Any]]
+PATIENCE = 5.0  # for a body to arrive, and for an action [s]
+
+
+class HistoryRoutes:
+    """Answers requests for a history."""
+
+    def __init__(self, folder: Path, allow_control: bool) -> None:
+        self._view, self._control = HistoryView(folder), allow_control
+        answers: dict[str, Answer] = {
+            "": self._answer,
+            "/shifts": lambda wish, asked, now_ns: self._view.shifts(wish),
+            "/savings": lambda wish, asked, now_ns: savings_answer(folder, wish, asked, now_ns),
+            "/friction": lambda wish, asked, now_ns: friction_answer(
+                folder, wish.robots, wish.period
+            ),
+        }
+        self._workers = ThreadPoolExecutor(WORKERS, "history")
+        self._waiting = 0
+        self.routes = [
+            *(
+                Route(f"/api/history{path}", self._json(answer), methods=["GET"])
+                for path, answer in answers.items()
+            ),
+            Route("/history.csv", self._csv, methods=["GET"]),
+        ]
+        if allow_control:
+            self.routes.append(Route("/api/history/tariff", self._tariff, methods=["POST"]))
+
+    def close(self) -> None:
+        """Take no more requests."""
+        self._workers.shutdown(wait=False, cancel_futures=True)
+
+    def _answer(self, wish: Wish, asked: Asked, now_ns: int) -> dict[str, Any]:
+        return {**self._view.answer(wish, now_ns), "control": self._control}
+
+    def _json(self, answer: Answer) -> Callable[[Request], Awaitable[Response]]:
+        async def route(request: Request) -> Response:
+            def work(now_ns: int) -> str:
+                asked = _asked(request)
+                return json_text(answer(self._view.wish(asked, now_ns), asked, now_ns))
+
+            return await self._worked(request, work, "application/json")
+
+        return route
+
+    async def _csv(self, request: Request) -> Response:
+        def work(now_ns: int) -> str:
+            return self._view.csv(self._view.wish(_asked(request), now_ns))
+
+        answer = await self._worked(request, work, "text/csv")
+        answer.headers["content-disposition"] = 'attachment; filename="robot_energy_history.csv"'
+        return answer
+
+    async def _tariff(self, request: Request) -> Response:
+        given = await _json_of(request, MAX_TARIFF)
+        if given is None:
+            return PlainTextResponse("expected JSON with a tariff\n", 400)
+
+        def work(now_ns: int) -> str:
+            try:
+                tariff = Tariff.model_validate_json(json.dumps(given))
+            except ValidationError as error:
+                raise refusal(error, Tariff, given, "the tariff", HistoryError) from error
+            return json_text({"done": True, "message": self._view.add_tariff(tariff, now_ns)})
+
+        return await self._worked(request, work, "application/json")
+
+    async def _worked(self, request: Request, work: Callable[[int], str], kind: str) -> Response:
+        if self._waiting >= MAX_WAITING:
+            return PlainTextResponse("too many requests for the history wait already\n", 503)
+        self._waiting += 1
+
+        def answer() -> Response:
+            return _packed(request, work(time.time_ns()).encode(), kind)
+
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._workers, answer)
+        except HistoryError as error:
+            return PlainTextResponse(f"{error}\n", 400)
+        except RobotEnergyError as error:
+            return PlainTextResponse(f"{error}\n", 500)
+        finally:
+            self._waiting -= 1
+
+
+def _asked(request: Request) -> Asked:
+    found: Asked = {}
+    for name, value in request.query_params.multi_items():
+        found.setdefault(name, []).append(value)
+    return found
 
 
 class PageApp:
@@ -122,40 +231,47 @@ class PageApp:
         headers = {"etag": found.tag, "cache-control": "no-cache"}
         if request.headers.get("if-none-match") == found.tag:
             return Response(status_code=304, headers=headers)
-        if takes_gzip(request):
+        if _takes_gzip(request):
             headers |= {"content-encoding": "gzip", "vary": "accept-encoding"}
             return Response(found.packed, media_type=found.kind, headers=headers)
         return Response(found.content, media_type=found.kind, headers=headers)
 
     async def _state(self, request: Request) -> Response:
         text = json_text(self._hub.state(time.monotonic(), _shown(request)))
-        return packed(request, text.encode(), "application/json")
+        return _packed(request, text.encode(), "application/json")
 
     async def _metrics(self, request: Request) -> Response:
-        return packed(request, metrics_text(self._hub, time.monotonic()), OPENMETRICS)
+        return _packed(request, metrics_text(self._hub, time.monotonic()), OPENMETRICS)
 
     async def _saved(self, request: Request) -> Response:
         text = saved_page(self._hub.state(time.monotonic(), _shown(request)))
-        answer = packed(request, text.encode(), "text/html")
+        answer = _packed(request, text.encode(), "text/html")
         answer.headers["content-disposition"] = 'attachment; filename="robot_energy.html"'
         return answer
 
     async def _control(self, request: Request) -> Response:
-        control = self._hub.control
-        found = await _wish(request)
-        if found is None or control is None or found[0] not in self._hub.robots:
+        control, found = self._hub.control, await _json_of(request, MAX_BODY)
+        given = cast("dict[str, Any]", found) if isinstance(found, dict) else {}
+        robot, action, text = (str(given.get(key, "")) for key in ("robot", "action", "text"))
+        if (
+            control is None
+            or robot not in self._hub.robots
+            or action not in ACTIONS
+            or not isinstance(given.get("text"), str)
+            or len(text) > MAX_REASON
+        ):
             return PlainTextResponse(
                 f"expected JSON with robot (one of the page), action ({', '.join(ACTIONS)}) and "
                 f"text (up to {MAX_REASON} characters)\n",
                 400,
             )
         try:
-            require_plain_text("a text", found[2].strip(), MAX_REASON, RegisterError)
+            require_plain_text("a text", text.strip(), MAX_REASON, RegisterError)
         except RegisterError as error:  # before ROS, which cannot send a lone surrogate
             return PlainTextResponse(f"{error}\n", 400)
         try:
-            async with asyncio.timeout(BODY_TIMEOUT):
-                done, sentence = await asyncio.wrap_future(control(*found))
+            async with asyncio.timeout(PATIENCE):
+                done, sentence = await asyncio.wrap_future(control(robot, action, text))
         except (TimeoutError, asyncio.CancelledError):
             done = False
             sentence = "the monitor did not answer; see in the list of intervals what was done"
@@ -165,22 +281,7 @@ class PageApp:
 
 
 def _shown(request: Request) -> str:
-    """Name of the robot that a page shows; empty for the first."""
     return request.query_params.get("robot", "")
-
-
-async def _wish(request: Request) -> tuple[str, str, str] | None:
-    """Robot, action and text of a request for an action; None if it has none."""
-    found = await json_of(request, MAX_BODY)
-    if not isinstance(found, dict):
-        return None
-    values = cast("dict[str, Any]", found)
-    robot, action, text = (values.get(key) for key in ("robot", "action", "text"))
-    if not (isinstance(robot, str) and isinstance(action, str) and isinstance(text, str)):
-        return None
-    if action not in ACTIONS or len(text) > MAX_REASON:
-        return None
-    return robot, action, text
 
 
 class EventStream:
@@ -250,3 +351,28 @@ class EventStream:
 async def _disconnected(receive: Receive) -> None:
     while (await receive())["type"] != "http.disconnect":
         pass
+
+
+async def _json_of(request: Request, most: int) -> Any:
+    """Return what the body of a request says; None if it is too long, late or no JSON."""
+    body = b""
+    try:
+        async with asyncio.timeout(PATIENCE):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > most:
+                    return None
+        return json.loads(body)
+    except (TimeoutError, ClientDisconnect, ValueError, RecursionError):
+        return None
+
+
+def _takes_gzip(request: Request) -> bool:
+    return "gzip" in request.headers.get("accept-encoding", "")
+
+
+def _packed(request: Request, content: bytes, kind: str) -> Response:
+    if not _takes_gzip(request):
+        return Response(content, media_type=kind)
+    headers = {"content-encoding": "gzip", "vary": "accept-encoding"}
+    return Response(gzip.compress(content, 5, mtime=0), media_type=kind, headers=headers)

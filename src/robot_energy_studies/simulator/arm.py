@@ -20,6 +20,7 @@ from robot_energy.foundation.extras import require
 from robot_energy.timeline.blocks import Float, Int
 
 GRAVITY = 9.81  # m/s^2
+MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 ROTOR_MASS = 1e-3  # kg, of the body that turns; the mass of a motor is part of its link
 
 
@@ -68,34 +69,26 @@ class ElasticArm:
         Args:
             step: Of the integration. [s]
         """
-        root = ElementTree.Element("mujoco")
-        ElementTree.SubElement(root, "compiler", angle="radian")
-        option = ElementTree.SubElement(
+        add, root = ElementTree.SubElement, ElementTree.Element("mujoco")
+        add(root, "compiler", angle="radian")
+        option = add(
             root, "option", timestep=f"{step}", integrator="Euler", gravity=f"0 0 {-GRAVITY}"
         )
-        ElementTree.SubElement(option, "flag", contact="disable", energy="enable")
-        links = [ElementTree.SubElement(root, "worldbody")]
-        tendons = ElementTree.SubElement(root, "tendon")
+        add(option, "flag", contact="disable", energy="enable")
+        links, tendons = [add(root, "worldbody")], add(root, "tendon")
         for index, body in enumerate(self.bodies):
-            link = ElementTree.SubElement(links[-1], "body", pos=_text(body.place))
+            link = add(links[-1], "body", pos=_text(body.place))
             _inertial(link, body.mass, body.centre, body.inertia)
-            ElementTree.SubElement(link, "joint", name=f"q{index}", axis=_text(body.axis))
+            add(link, "joint", name=f"q{index}", axis=_text(body.axis))
             links.append(link)
-        for index, carrier in enumerate(self.carrier):
-            body = self.bodies[index]
-            rotor = ElementTree.SubElement(links[carrier + 1], "body")
+        for index, (body, carrier) in enumerate(zip(self.bodies, self.carrier, strict=True)):
+            rotor = add(links[carrier + 1], "body")
             _inertial(rotor, ROTOR_MASS, np.zeros(3), self.rotor_inertia[index] * np.eye(3))
-            ElementTree.SubElement(rotor, "joint", name=f"m{index}", axis=_text(body.axis))
-            gear = ElementTree.SubElement(
-                tendons,
-                "fixed",
-                stiffness=f"{self.stiffness[index]}",
-                damping=f"{self.damping[index]}",
-                springlength="0",
-            )
-            ElementTree.SubElement(gear, "joint", joint=f"q{index}", coef="-1")
-            ratio = 1.0 / self.gear_ratio[index]
-            ElementTree.SubElement(gear, "joint", joint=f"m{index}", coef=f"{ratio}")
+            add(rotor, "joint", name=f"m{index}", axis=_text(body.axis))
+            spring = {"stiffness": f"{self.stiffness[index]}", "damping": f"{self.damping[index]}"}
+            gear = add(tendons, "fixed", spring, springlength="0")
+            add(gear, "joint", joint=f"q{index}", coef="-1")
+            add(gear, "joint", joint=f"m{index}", coef=f"{1.0 / self.gear_ratio[index]}")
         return ElementTree.tostring(root, encoding="unicode")
 
     def compiled(self, step: float) -> tuple[Any, Int, Int]:
@@ -125,32 +118,28 @@ def read_urdf(path: Path) -> tuple[tuple[Body, ...], dict[str, tuple[int, Float]
     Returns:
         The bodies, and by name of a link the index of the body that carries it and its place there.
     """
-    root = ElementTree.parse(path).getroot()
+    root: Any = ElementTree.parse(path).getroot()  # of which every entry is there
     inertial = {link.attrib["name"]: link.find("inertial") for link in root.iter("link")}
     bodies: list[Body] = []
     frames: dict[str, tuple[int, Float]] = {}
     for joint in root.iter("joint"):
-        place = _vector(joint.find("origin"), "xyz")
-        child = _attribute(joint.find("child"), "link")
+        place = _vector(joint.find("origin").attrib["xyz"])
+        child = joint.find("child").attrib["link"]
         if joint.attrib["type"] == "fixed":
-            index, before = frames[_attribute(joint.find("parent"), "link")]
+            index, before = frames[joint.find("parent").attrib["link"]]
             frames[child] = (index, before + place)
             continue
         frames[child] = (len(bodies), np.zeros(3))
         entry = inertial[child]
-        assert entry is not None
-        inertia = entry.find("inertia")
-        assert inertia is not None
-        xx, yy, zz, xy, xz, yz = (
-            float(inertia.attrib[f"i{key}"]) for key in ("xx", "yy", "zz", "xy", "xz", "yz")
-        )
+        moments = entry.find("inertia").attrib
+        xx, yy, zz, xy, xz, yz = (float(moments[f"i{key}"]) for key in MOMENTS)
         bodies.append(
             Body(
                 joint.attrib["name"],
                 place,
-                _vector(joint.find("axis"), "xyz"),
-                float(_attribute(entry.find("mass"), "value")),
-                _vector(entry.find("origin"), "xyz"),
+                _vector(joint.find("axis").attrib["xyz"]),
+                float(entry.find("mass").attrib["value"]),
+                _vector(entry.find("origin").attrib["xyz"]),
                 np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
             )
         )
@@ -172,19 +161,13 @@ def _counted(_warning: str) -> None:
 
 def _inertial(parent: ElementTree.Element, mass: float, centre: Float, inertia: Float) -> None:
     full = [inertia[place] for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    ElementTree.SubElement(
-        parent, "inertial", pos=_text(centre), mass=f"{mass}", fullinertia=_text(np.array(full))
-    )
+    place = {"pos": _text(centre), "mass": f"{mass}", "fullinertia": _text(np.array(full))}
+    ElementTree.SubElement(parent, "inertial", place)
 
 
 def _text(values: Float) -> str:
     return " ".join(f"{value:.17g}" for value in values.tolist())
 
 
-def _attribute(element: ElementTree.Element | None, key: str) -> str:
-    assert element is not None
-    return element.attrib[key]
-
-
-def _vector(element: ElementTree.Element | None, key: str) -> Float:
-    return np.array([float(part) for part in _attribute(element, key).split()])
+def _vector(text: str) -> Float:
+    return np.array([float(part) for part in text.split()])

@@ -7,12 +7,10 @@ whole degrees. The power meter has a limited bandwidth and a delay, and reads wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.bag import SENSOR_QOS, BagWriter
 from robot_energy.messages.fields import (
@@ -30,7 +28,7 @@ from robot_energy.timeline.blocks import (
     MeterMeaning,
     TemperatureBlock,
 )
-from robot_energy_rig.output import RigJoints
+from robot_energy_rig.config import RigJoints
 from robot_energy_rig.record import (
     JOINT_DELAY_NS,
     METER_DELAY_NS,
@@ -113,9 +111,9 @@ def record(
         (METER_TOPIC, METER_DELAY_NS, readings, encoder.meter(readings)),
     )
     messages = sorted(
-        message
+        (time, topic, row.tobytes())
         for topic, delay_ns, block, rows in topics
-        for message in _messages(topic, block.stamp_ns + delay_ns, rows)
+        for time, row in zip((block.stamp_ns + delay_ns).tolist(), rows, strict=True)
     )
     with BagWriter(path, overwrite=True, origin=ORIGIN) as bag:
         for topic, kind in TYPES.items():
@@ -130,12 +128,8 @@ def record(
         float(grid.max()),
         ends[:, WINDING],
         ends[:, OIL],
+        {},
     )
-
-
-def _messages(topic: str, log_ns: Int, rows: NDArray[np.uint8]) -> Iterator[tuple[int, str, bytes]]:
-    for time, row in zip(log_ns.tolist(), rows, strict=True):
-        yield time, topic, row.tobytes()
 
 
 def _stamps(steps: Int) -> Int:

@@ -8,7 +8,7 @@ from robot_energy.certainty.prediction_errors import PowerErrorSums
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, Quality
 from robot_energy.timeline.pieces import NO_INTERVALS, Compared
-from robot_energy_identify.stats.torque_errors import TorqueErrorSums
+from robot_energy_identify.results.evaluation import TorqueErrorSums
 
 RNG = np.random.default_rng(5)
 

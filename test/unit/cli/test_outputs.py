@@ -19,7 +19,7 @@ from faulty_disk import FaultyDisk, inventory
 from logbook import mapping, wheel_csv
 from robot_energy.foundation.files.placement import PREFIX
 from robot_energy_cli import main
-from robot_energy_cli.stopping import Stopped, stoppable
+from robot_energy_cli.main import Stopped, stoppable
 from robot_energy_logs.log_import import import_log
 from writing_commands import COMMANDS, FILES, SUFFIX, outputs, own_bag, refused, run
 
@@ -202,7 +202,7 @@ def test_a_signal_stops_what_is_stoppable(number: signal.Signals) -> None:
 def test_signals_that_are_ignored_stay_ignored(place: Path) -> None:
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN);"
-        "from robot_energy_cli.stopping import stoppable\n"
+        "from robot_energy_cli.main import stoppable\n"
         "with stoppable(): signal.raise_signal(signal.SIGHUP)\n"
         "assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL\n"
     )

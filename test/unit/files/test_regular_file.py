@@ -23,8 +23,8 @@ from robot_energy_logs import table, text_table
 from robot_energy_logs.mapping import load_mapping
 from robot_energy_logs.table import LogTable
 from robot_energy_plan.motion.gcode import load_gcode
+from robot_energy_plan.motion.joint_trajectory import read_csv_trajectory
 from robot_energy_plan.motion.ptp_file import read_program
-from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
 
 READERS = {
     "model": (load, ".yaml"),

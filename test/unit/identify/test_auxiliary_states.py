@@ -16,8 +16,7 @@ from robot_energy.model import load
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_cli.main import main
-from robot_energy_identify.auxiliary.readings import StateReadings
-from robot_energy_identify.auxiliary.states import fit_own
+from robot_energy_identify.auxiliary import StateReadings, fit_own
 from robot_energy_plan.motion import Program
 from robot_energy_rig import VirtualRig, load_profile
 from robot_energy_rig.record import (

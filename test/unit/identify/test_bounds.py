@@ -21,7 +21,7 @@ from robot_energy_identify.dynamics.torque_model import Estimate
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.laws import fit_law
 from robot_energy_identify.friction.samples import FrictionData
-from robot_energy_identify.results.drives import total_power
+from robot_energy_identify.results.identification import total_power
 from robot_energy_report.document import Document
 from robot_energy_report.identification import losses_section
 from robot_energy_report.identify_all import changes_document

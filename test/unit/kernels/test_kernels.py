@@ -17,8 +17,7 @@ from places import ROOT
 from robot_energy.accounting.comparison import _compared, _compiled
 from robot_energy.accounting.exact_sum import ExactSum
 from robot_energy.accounting.registers import Registers
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Decoder, Encoder, RawBatch, stamp_columns
 from robot_energy.bag.mcap_records import walked_block
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.foundation.units import MAX_COUNTER

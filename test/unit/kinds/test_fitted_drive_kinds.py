@@ -16,7 +16,7 @@ from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.drives.drive_data import drive_data_of_logs
 from robot_energy_identify.drives.drives import AxisFit, DrivesFit, fit_drives, with_drives
 from robot_energy_identify.drives.losses import TERMS, Losses
-from robot_energy_identify.results.drives import drives_report
+from robot_energy_identify.results.identification import drives_report
 from robot_energy_logs.recording import LogBlock, RecordingContents
 from robot_energy_report.document import Document
 from robot_energy_report.drives import drives_document

@@ -33,7 +33,7 @@ BY_CLASS = {
     # A temperature shape that is lent is that of an exponential law.
     "robot_energy_identify/friction/shared_shape.py",
     # A factor on the viscous friction of the arm of paper B, whose law is exponential.
-    "robot_energy_papers/wall_sensitivity.py",
+    "robot_energy_papers/models.py",
 }
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder
+from robot_energy.bag.cdr.decode import Decoder, RawBatch
 from robot_energy.messages.friction import ARRAYS, JOINT_FRICTION, FrictionReader, FrictionWriter
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import FrictionStage

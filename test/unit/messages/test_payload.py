@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import robots
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.messages.payload import PayloadReader, PayloadWriter, answer_set_payload
 from robot_energy.model.payload import payload

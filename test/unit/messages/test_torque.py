@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.messages.torque import TorqueReader, TorqueWriter
 from robot_energy.timeline.blocks import Quality, TorqueBlock
 

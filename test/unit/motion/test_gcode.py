@@ -13,7 +13,7 @@ from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion.gcode import load_gcode, read_gcode
 from robot_energy_plan.motion.gcode_words import words_of
 from robot_energy_plan.motion.tool_corners import Arc, Dwell, LineSegment, ToolPath
-from robot_energy_plan.motion.tool_timing import TimedPath
+from robot_energy_plan.motion.tool_motion import TimedPath
 
 HEAD = "G21 G90\nG0 X0 Y0 Z0\n"
 

@@ -12,14 +12,10 @@ from robot_energy.bag import BagReader, BagWriter
 from robot_energy.foundation.errors import BagError, MissingTopicError, MotionError
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_plan.motion import FourierBasis, FourierMotion
-from robot_energy_plan.motion.joint_trajectory import JointTrajectory
-from robot_energy_plan.motion.load_motion import joint_list, load_motion
-from robot_energy_plan.motion.planned import BLOCK, SampledMotion, planned_ns, repeated
-from robot_energy_plan.motion.ptp import MotionLimits
-from robot_energy_plan.motion.ptp_file import program_for, read_program
-from robot_energy_plan.motion.trajectory_io import (
+from robot_energy_plan.motion.joint_trajectory import (
     MESSAGE,
     TOPIC,
+    JointTrajectory,
     decode_trajectory,
     points,
     read_bag_trajectory,
@@ -27,6 +23,10 @@ from robot_energy_plan.motion.trajectory_io import (
     write_csv,
     write_trajectory,
 )
+from robot_energy_plan.motion.load_motion import joint_list, load_motion
+from robot_energy_plan.motion.planned import BLOCK, SampledMotion, planned_ns, repeated
+from robot_energy_plan.motion.ptp import MotionLimits
+from robot_energy_plan.motion.ptp_file import program_for, read_program
 from robots import two_link
 
 PROGRAM = {

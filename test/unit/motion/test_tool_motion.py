@@ -16,8 +16,7 @@ from robot_energy_plan.motion import tool_motion
 from robot_energy_plan.motion.gcode import read_gcode
 from robot_energy_plan.motion.load_motion import ToolOptions, load_motion
 from robot_energy_plan.motion.tool_corners import LineSegment, ToolPath
-from robot_energy_plan.motion.tool_motion import ToolMotion, ToolPlacement
-from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy_plan.motion.tool_motion import TimedPath, ToolLimits, ToolMotion, ToolPlacement
 
 L1, L2 = 0.6, 0.5  # m
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from robot_energy.foundation.errors import MotionError
 from robot_energy_plan.motion.gcode import read_gcode
 from robot_energy_plan.motion.tool_corners import Arc, Dwell, LineSegment, ToolPath
-from robot_energy_plan.motion.tool_timing import TimedPath, ToolLimits
+from robot_energy_plan.motion.tool_motion import TimedPath, ToolLimits
 
 HEAD = "G21 G90\nG0 X0 Y0 Z0\n"
 SHARP = ToolLimits(acceleration=1.0, corner_tolerance=0.0, smoothing=0.0)

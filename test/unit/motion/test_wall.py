@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from places import ROOT
-from robot_energy.foundation.errors import MotionError
 from robot_energy_papers.wall import Wall
 from robot_energy_plan.motion.gcode import load_gcode, read_gcode
-from robot_energy_plan.motion.tool_timing import TimedPath
+from robot_energy_plan.motion.tool_motion import TimedPath
 
 EXAMPLE = ROOT / "src" / "examples" / "programs" / "wall_layer.gcode"
 
@@ -39,9 +38,3 @@ def test_a_hundred_layers_make_a_metre():
 def test_the_example_is_what_the_module_makes():
     assert EXAMPLE.read_text() == Wall().gcode()
     assert load_gcode(EXAMPLE).notes == ()
-
-
-@pytest.mark.parametrize("bad", [{"length": 0.0}, {"layers": 0}, {"speed": -1}])
-def test_walls_that_cannot_be(bad):
-    with pytest.raises(MotionError, match="the wall"):
-        Wall(**bad)

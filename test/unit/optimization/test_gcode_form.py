@@ -11,8 +11,7 @@ from robot_energy_plan.motion.gcode import read_gcode
 from robot_energy_plan.motion.gcode_words import with_feed
 from robot_energy_plan.motion.load_motion import ToolOptions
 from robot_energy_plan.motion.tool_corners import Dwell
-from robot_energy_plan.motion.tool_motion import ToolPlacement
-from robot_energy_plan.motion.tool_timing import ToolLimits
+from robot_energy_plan.motion.tool_motion import ToolLimits, ToolPlacement
 
 LAYER = ROOT / "src/examples/programs/wall_layer.gcode"
 MODEL = load("irb4600")

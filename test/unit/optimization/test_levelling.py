@@ -8,7 +8,7 @@ import pytest
 import robot_energy as re
 from places import ROOT
 from robot_energy.foundation.errors import MotionError
-from robot_energy_plan.optimization.levelling import level_starts
+from robot_energy_plan.shared_bus import level_starts
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 

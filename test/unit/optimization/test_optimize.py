@@ -13,10 +13,10 @@ from robot_energy.model import load
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
+from robot_energy_plan.motion.joint_trajectory import read_csv_trajectory, write_csv
 from robot_energy_plan.motion.load_motion import load_motion
 from robot_energy_plan.motion.planned import SampledMotion
 from robot_energy_plan.motion.ptp_file import program_for, read_program
-from robot_energy_plan.motion.trajectory_io import read_csv_trajectory, write_csv
 from robot_energy_plan.optimization.rest_states import RestState, break_even, rest_cost
 from robot_energy_plan.results.optimization import NOT_CLAIMED
 

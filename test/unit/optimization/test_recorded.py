@@ -9,11 +9,11 @@ from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
+from robot_energy_plan.api.optimize import read_form
+from robot_energy_plan.motion.joint_trajectory import read_csv_trajectory
 from robot_energy_plan.motion.ptp import Program
 from robot_energy_plan.motion.ptp_file import program_for, read_program
-from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
 from robot_energy_plan.optimization.chain import PowerChain
-from robot_energy_plan.optimization.forms import read_form
 from robot_energy_plan.optimization.trajectory_form import recorded_motion
 from sound_recordings import write_states
 

@@ -10,7 +10,7 @@ from robot_energy.model import load
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan, Capacitor
 from robot_energy_cli.main import main
-from robot_energy_plan.optimization.levelling import drawn, level_starts
+from robot_energy_plan.shared_bus import drawn, level_starts
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
 COLD, WARM = ROOT / "bags/kr16_cold", ROOT / "bags/kr16_warm"

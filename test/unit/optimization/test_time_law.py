@@ -7,8 +7,8 @@ import robot_energy as re
 from places import ROOT
 from robot_energy.model import load
 from robot_energy.model.joint import ViscousExponent
+from robot_energy_plan.motion.joint_trajectory import read_csv_trajectory
 from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
-from robot_energy_plan.motion.trajectory_io import read_csv_trajectory
 from robot_energy_plan.optimization.chain import (
     TORQUE_SHARE,
     Candidates,

@@ -13,7 +13,6 @@ from robot_energy_report.page.history_view import (
     HistoryView,
     friction_answer,
     savings_answer,
-    savings_wish,
 )
 
 NOW = START + 95 * DAY
@@ -32,8 +31,7 @@ def compared(folder, robots=(), now=NOW, **asked):
     given = {**MARCH, **BASELINE, **asked}
     view = HistoryView(folder)
     wish = view.wish({**given, "robot": list(robots)}, now)
-    days = savings_wish(given, wish.period, now)
-    answer = savings_answer(folder, wish.robots, wish.period, days)
+    answer = savings_answer(folder, wish, given, now)
     json.dumps(answer, allow_nan=False)
     return answer
 

@@ -11,7 +11,7 @@ from histories import START, Robot
 from page_client import PATIENCE, request, state_of, wait_until
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff
-from robot_energy_report.page import history_routes
+from robot_energy_report.page import web_app
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.history_view import HistoryView
 from robot_energy_report.page.hub import PageHub
@@ -163,11 +163,11 @@ def test_a_slow_answer_holds_up_neither_the_live_page_nor_memory(serve, monkeypa
         return {}
 
     monkeypatch.setattr(HistoryView, "answer", slow)
-    monkeypatch.setattr(history_routes, "MAX_WAITING", 4)
+    monkeypatch.setattr(web_app, "MAX_WAITING", 4)
     url = serve()
     with ThreadPoolExecutor(6) as clients:
         asked = [clients.submit(request, url, f"/api/history{DAY}") for _ in range(6)]
-        for _ in range(history_routes.WORKERS):
+        for _ in range(web_app.WORKERS):
             assert begun.acquire(timeout=PATIENCE)
         assert state_of(url)["live"] is True  # answered while all threads are taken
         wait_until(lambda: sum(one.done() for one in asked) == 2, "two refusals")

@@ -31,7 +31,7 @@ PROFILE = load_profile("kr16")
 
 def row(degc, measured, predicted, way="heating"):
     return SetRow(
-        "bag", way, degc, degc, degc, 0.5, 1.0, measured, 10.0, 8e3, {"m": predicted}, 0.0
+        "bag", way, degc, (degc, degc), 0.5, 1.0, measured, 10.0, 8e3, {"m": predicted}, 0.0
     )
 
 

@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
+from robot_energy.model import load
+from robot_energy.physics.rigid_body import Robot
 from robot_energy_cli.main import main
-from robot_energy_studies.savings import _shares, exceeded_limits
-from robot_energy_studies.savings_study import JudgedSaving
+from robot_energy_plan.motion import MotionLimits, Program, random_program
+from robot_energy_plan.optimization.chain import TORQUE_SHARE
+from robot_energy_plan.optimization.search import cheapest
+from robot_energy_rig import load_profile
+from robot_energy_studies.savings import _shares
+from robot_energy_studies.savings_study import JudgedSaving, PlantAtWork, run_as, task_of
+
+EXACT = 1e-6  # by which a limit may be exceeded in rounding [-]
 
 
 def judged(claim, half, truth):
@@ -25,8 +34,65 @@ def test_claims_signs_and_bands_are_counted():
     assert found["median_claim"] == 0.05
 
 
+def exceeded_limits(seed: int, count: int) -> int:
+    """Return how many random programs, made cheaper, are beyond a limit.
+
+    Limits are those of position, speed, acceleration, jerk, torque and cycle time, by differences
+    of positions; from one end of an acceleration to the other takes at least the jerk time.
+    """
+    model = load("kr16")
+    robot = Robot.from_model(model)
+    limits = MotionLimits.of_robot(robot, robot.limits.velocity / 0.3)
+    found = 0
+    for number in range(seed, seed + count):
+        random = np.random.default_rng(np.random.SeedSequence(number, spawn_key=(0x6C696D,)))
+        program = random_program(
+            limits, int(random.integers(1 << 30)), 3, dwell=0.2,
+            override=float(random.uniform(0.2, 0.9)),
+        )  # fmt: skip
+        stretch = float(random.uniform(1.0, 2.0)) * program.period
+        task = task_of(model, program, limits, float(random.uniform(0.0, 80.0)), stretch)
+        plan = task.plan(cheapest(task.table, task.allowed, task.time, task.wait_power))
+        cheap = run_as(task, plan, program, limits)
+        changed = plan.row != task.base.row
+        torque = task.table.use.torque_use[plan.row][changed]
+        found += cheap.period > stretch * (1 + EXACT) or bool((torque > TORQUE_SHARE).any())
+        found += _beyond(cheap, limits)
+    return found
+
+
+def _beyond(program: Program, limits: MotionLimits) -> bool:
+    """Whether differences of positions exceed a limit; a mean never exceeds what it is of."""
+    step = 2e-3
+    position = program.sample(np.arange(0.0, program.period, step)).joint_position
+    speed = np.abs(np.diff(position, axis=0)).max(axis=0) / step
+    acceleration = np.abs(np.diff(position, n=2, axis=0)).max(axis=0) / step**2
+    jerk = np.abs(np.diff(position, n=3, axis=0)).max(axis=0) / step**3
+    outside = (position < limits.lower - EXACT) | (position > limits.upper + EXACT)
+    return bool(
+        outside.any()
+        or (speed > limits.velocity * (1 + EXACT)).any()
+        or (acceleration > limits.acceleration * (1 + EXACT)).any()
+        or (jerk * limits.jerk_time > 2.0 * limits.acceleration * (1 + 1e-3)).any()
+    )
+
+
 def test_no_random_program_leaves_its_limits():
     assert exceeded_limits(7, 4) == 0
+
+
+def test_a_program_that_is_not_changed_costs_the_same_when_it_is_read_again():
+    model = load("kr16")
+    robot = Robot.from_model(model)
+    limits = MotionLimits.of_robot(robot, robot.limits.velocity / 0.3)
+    program = random_program(limits, 3, 4, dwell=0.3, override=0.6)
+    task = task_of(model, program, limits, 40.0, None)
+    same = run_as(task, task.base, program, limits)
+    again = task_of(model, same, limits, 40.0, None)
+    before, after = (one.table.cost(one.base).energy for one in (task, again))
+    assert after == pytest.approx(before, rel=1e-9)
+    rig = PlantAtWork(load_profile("kr16"), 40.0)
+    assert rig.energy(same) == pytest.approx(rig.energy(program), rel=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +106,6 @@ def found(tmp_path_factory):
 def test_the_short_form_writes_figures_and_a_page(found):
     figures, folder = found
     assert figures["by_measure"]["all"]["changes"] >= 4
-    assert figures["limits"]["exceeded"] == 0
-    control = figures["unchanged"]
-    assert control["programs"] == 1
-    assert max(control["predicted"], control["on_the_rig"]) < 1e-9
-    assert "unchanged" not in figures["by_measure"]
     page = (folder / "report.html").read_text()
     assert "virtual rig" in page
     assert page.count("<img ") == 2

@@ -56,7 +56,7 @@ ALLOWED = {  # of what is not its own: containers, names of topics, recordings, 
     "robot_energy.messages.fields",
     "robot_energy.timeline.blocks",
     "robot_energy_plan.motion.ptp",
-    "robot_energy_rig.output",
+    "robot_energy_rig.config",
     "robot_energy_rig.record",
 }
 

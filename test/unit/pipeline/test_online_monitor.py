@@ -10,8 +10,7 @@ import pytest
 
 import robot_energy as re
 from robot_energy.bag import BagReader
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy_fleet.bag_row import BagMinutes
 from robot_energy_history.check import check

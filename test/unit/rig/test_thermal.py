@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from refusals import refused
-from robot_energy.foundation.errors import RigError
 from robot_energy_rig import load_profile
 from robot_energy_rig.plant import ThermalNetwork, longest_step
 
@@ -74,8 +72,3 @@ def test_gear_lags_the_heated_motor():
         nodes.step(np.full(6, 60.0), np.zeros(6))
     assert (nodes.motor_temperature_degc > nodes.gear_temperature_degc + 0.5).all()
     assert (nodes.gear_temperature_degc > 20.0).all()
-
-
-def test_too_long_a_step_is_refused():
-    with refused(RigError, remedy="thermal_speedup"):
-        network(step=longest_step(PROFILE) * 1.01)

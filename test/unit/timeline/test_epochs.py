@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.timeline.streams import EpochSplitter, Reach, slow_reach
+from robot_energy.timeline.stamps import Reach, slow_reach
+from robot_energy.timeline.streams import EpochSplitter
 
 S = SECOND_NS
 REACHES = [Reach(), Reach(patient=False), Reach(prompt=True), slow_reach(60 * S)]

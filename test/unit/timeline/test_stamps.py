@@ -10,7 +10,7 @@ from robot_energy.foundation.errors import BagError, ParameterError
 from robot_energy.inputs.inputs_file import read_inputs
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.pipeline import Settings
-from robot_energy.timeline.stamps import StampOrder
+from robot_energy.timeline.streams import StampOrder
 from robot_energy_cli.main import main
 
 

@@ -8,16 +8,15 @@ every message whose bytes agree there is decoded with the same strided views, th
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import gcd
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
 from robot_energy.bag.cdr.encode import Encoder, stamp_columns
 from robot_energy.bag.cdr.schema import (
     ScalarField,
@@ -43,7 +42,7 @@ from robot_energy.bag.cdr.walk import (
     read,
     walk,
 )
-from robot_energy.foundation.errors import MessageTypeError
+from robot_energy.foundation.errors import MessageTypeError, ShapeError
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.physics import kernels
 from robot_energy.timeline.stamps import INVALID_STAMP_NS
@@ -51,7 +50,7 @@ from robot_energy.timeline.stamps import INVALID_STAMP_NS
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-__all__ = ["Decoded", "Decoder", "Encoder", "Run", "stamp_columns", "stamp_ns"]
+__all__ = ["Decoded", "Decoder", "Encoder", "RawBatch", "Run", "stamp_columns", "stamp_ns"]
 
 MAX_LAYOUTS = 32
 MAX_LAYOUT_BYTES = 16 * 2**20
@@ -59,6 +58,82 @@ MAX_LAYOUT_BYTES = 16 * 2**20
 _PART_BYTES = 600  # of memory for each length and string that decides a layout
 _MAX_LONELY = 2
 """Layouts in a row that fit one message or none, before the rest is walked one by one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RawBatch:
+    """Serialized messages of one topic inside one shared buffer, in log order.
+
+    Attributes:
+        msgtype: Message type, such as ``sensor_msgs/msg/JointState``.
+        log_time_ns: When each message was recorded or received, int64, shape (n,). [ns]
+        buffer: Bytes that hold every message, uint8, one-dimensional and contiguous.
+        offset: First byte of each message (of its CDR encapsulation header), int64, shape (n,).
+        length: Bytes of each message, int64, shape (n,).
+    Validity: offsets and lengths come from the data and may be wrong; the decoder checks them.
+    """
+
+    topic: str
+    msgtype: str
+    log_time_ns: NDArray[np.int64]
+    buffer: NDArray[np.uint8]
+    offset: NDArray[np.int64]
+    length: NDArray[np.int64]
+
+    @classmethod
+    def from_messages(
+        cls,
+        topic: str,
+        msgtype: str,
+        log_time_ns: ArrayLike,
+        messages: Sequence[bytes | memoryview],
+    ) -> RawBatch:
+        """Return messages received at times of shape (n,) [ns], in a buffer of their own."""
+        times = np.atleast_1d(np.asarray(log_time_ns, dtype=np.int64))
+        if times.shape != (len(messages),):
+            raise ShapeError(
+                f"{len(messages)} messages of {topic} came with times of shape {times.shape}",
+                f"shape ({len(messages)},)",
+            )
+        length = np.fromiter(map(len, messages), np.int64, len(messages))
+        buffer = np.frombuffer(b"".join(messages), dtype=np.uint8)
+        return cls(topic, msgtype, times, buffer, np.cumsum(length) - length, length)
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+    def __getitem__(self, rows: slice | NDArray[np.int64]) -> RawBatch:
+        """Return some of the messages, in the order given, in the same buffer."""
+        return replace(
+            self,
+            log_time_ns=self.log_time_ns[rows],
+            offset=self.offset[rows],
+            length=self.length[rows],
+        )
+
+    def copy(self) -> RawBatch:
+        """Return the messages in a buffer of their own, without what lies between them."""
+        messages = [self.row(number) for number in range(len(self))]
+        return self.from_messages(self.topic, self.msgtype, self.log_time_ns, messages)
+
+    def pieces(self, max_bytes: int) -> Iterator[tuple[int, RawBatch]]:
+        """Yield pieces of at most so many bytes, or of one message, behind their first row."""
+        end = np.cumsum(self.length)
+        start = 0
+        while start < len(self):
+            before = int(end[start - 1]) if start else 0
+            stop = max(int(np.searchsorted(end, before + max_bytes, side="right")), start + 1)
+            yield start, self[slice(start, stop)]
+            start = stop
+
+    def row(self, i: int) -> bytes:
+        start, length = int(self.offset[i]), int(self.length[i])
+        if not 0 <= start <= start + length <= len(self.buffer):
+            raise ShapeError(
+                f"message {i} of {self.topic} spans bytes {start} to {start + length}",
+                f"a span inside the {len(self.buffer)} bytes of the buffer",
+            )
+        return self.buffer[start : start + length].tobytes()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,15 +165,14 @@ class Run:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decoded:
-    """A decoded batch.
+    """A decoded batch."""
 
-    Attributes:
-        runs: Runs in the order of their first row; each row of the batch is in one run at most.
-        malformed: Rows that do not follow the message definition, ascending, int64.
-    """
-
-    runs: list[Run]
-    malformed: NDArray[np.int64]
+    runs: Annotated[
+        list[Run], "In the order of their first row; each row of the batch is in one at most."
+    ]
+    malformed: Annotated[
+        NDArray[np.int64], "Rows that do not follow the message definition, ascending, int64."
+    ]
 
 
 class _Layout:
@@ -130,10 +204,6 @@ class _Layout:
         self._plain &= all(view.plain for view in self._views.values())
 
     @cached_property
-    def _row(self) -> np.dtype[np.void]:
-        return np.dtype((np.void, self.size))
-
-    @cached_property
     def _edges(self) -> NDArray[np.int64]:
         """First byte of each span, and that behind it, shape (2, spans)."""
         return np.array(self._spans, dtype=np.int64).T.copy()
@@ -148,7 +218,8 @@ class _Layout:
 
     def gather(self, buffer: NDArray[np.uint8], offset: NDArray[np.int64]) -> NDArray[np.uint8]:
         """Return the messages at ``offset`` as rows (m, size); all must lie inside the buffer."""
-        starts = np.ndarray((len(buffer) - self.size + 1,), self._row, buffer, 0, (1,))
+        row = np.dtype((np.void, self.size))
+        starts = np.ndarray((len(buffer) - self.size + 1,), row, buffer, 0, (1,))
         return starts[offset].view(np.uint8).reshape(len(offset), self.size)
 
     def agree(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
@@ -177,7 +248,6 @@ class _Layout:
         return Run(index, columns) if agree else None
 
     def run(self, index: NDArray[np.int64], rows: NDArray[np.uint8]) -> Run:
-        """Return the columns of rows that agree."""
         columns: dict[str, Column] = {}
         for path, column in self.columns.items():
             constant = isinstance(column, str | tuple)

@@ -157,14 +157,10 @@ class Encoder:
             value = _pick(constant, index) if inside else None
             if isinstance(value, tuple | list | np.ndarray):
                 stated.append(len(value))  # pyright: ignore[reportUnknownArgumentType]
-        if not stated:
+        if len(set(stated)) != 1 or stated[0] < 0:
             raise ShapeError(
-                f"the length of {path} of {self.msgtype} is not given",
-                "a length (0 for empty) or a constant",
-            )
-        if len(set(stated)) > 1 or stated[0] < 0:
-            raise ShapeError(
-                f"{path} of {self.msgtype} is given the lengths {stated}", "one length"
+                f"{path} of {self.msgtype} is given the lengths {stated}",
+                "one length (0 for empty), or a constant",
             )
         return stated[0]
 

@@ -70,7 +70,6 @@ Wanted: TypeAlias = dict[str, "Wanted"]  # tree of field names; a leaf is an emp
 
 
 def compile_schema(msgtype: str, store: Typestore) -> StructField:
-    """Return the tree of one message type."""
     if msgtype in store.fielddefs:
         check_size(msgtype, store.fielddefs)
     return _record(msgtype, store, ())
@@ -188,7 +187,6 @@ def leaf_paths(schema: StructField) -> list[str]:
 
 
 def tree(paths: Iterable[str]) -> Wanted:
-    """Return dotted paths as a tree of names."""
     root: Wanted = {}
     for path in paths:
         node = root

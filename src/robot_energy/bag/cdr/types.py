@@ -100,7 +100,6 @@ def _shipped(name: str) -> Typesdict:
 
 
 def definition(name: str) -> str:
-    """Return the text of a message of ours, such as ``PowerState``, with its comments."""
     path = _MSG_FOLDER / f"{name}.msg"
     if not path.is_file():
         known = ", ".join(sorted(each.stem for each in _MSG_FOLDER.glob("*.msg")))
@@ -195,7 +194,6 @@ def _with_classes(
 
 
 def differs(store: Typestore, definitions: Mapping[str, tuple[str, str]]) -> bool:
-    """Return whether a type that a store has is defined otherwise."""
     return any(
         name in store.fielddefs and store.fielddefs[name][1] != definition[1]
         for msgtype, (encoding, text) in definitions.items()

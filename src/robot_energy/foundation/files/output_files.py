@@ -159,7 +159,6 @@ def is_own_file(path: Path, kinds: tuple[FileKind, ...]) -> bool:
 
 
 def checked_path(path: str | os.PathLike[str], what: str, error: ErrorType) -> Path:
-    """Return a path that a file can have."""
     text = os.fspath(path)
     try:
         valid = bool(text) and b"\0" not in os.fsencode(text)

@@ -56,14 +56,12 @@ class OutputFolder:
         return self._placement.draft
 
     def open(self, name: str, buffering: int = 2**20) -> BinaryIO:
-        """Return a new file in it."""
         try:
             return (self.draft / name).open("xb", buffering)
         except OSError as trouble:
             raise self.failure(trouble) from trouble
 
     def make(self, name: str) -> None:
-        """Make a folder in it."""
         try:
             os.mkdir(self.draft / name)
         except OSError as trouble:
@@ -83,7 +81,6 @@ class OutputFolder:
         self._placement.undo()
 
     def failure(self, trouble: OSError) -> RobotEnergyError:
-        """Return the error that names this folder and the reason of the disk."""
         return self._error(
             f"{shown(str(self.path))} cannot be written ({trouble.strerror or trouble})",
             "a folder that can be written to, with room",
@@ -91,7 +88,6 @@ class OutputFolder:
 
 
 def folder_path(path: str | os.PathLike[str], error: ErrorType = ReportError) -> Path:
-    """Return the path of an output folder with a name of its own."""
     target = checked_path(path, "the folder", error)
     if target.name in ("", ".."):
         target = target.resolve()

@@ -68,7 +68,6 @@ class OutputPlacement:
             os.fsync(number)
 
     def make_folder(self) -> None:
-        """Make the draft of a folder, and the folders above it."""
         with self._disk():
             parent = self.target.parent
             missing = [one for one in (parent, *parent.parents) if not one.exists()]
@@ -130,7 +129,6 @@ class OutputPlacement:
         self._closed = True
 
     def finish(self) -> None:
-        """Remove what was replaced."""
         _remove(self._aside)
         self._release()
 
@@ -253,7 +251,6 @@ def _beginning(target: Path) -> str:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock of a file or folder."""
     try:
         number = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -268,7 +265,6 @@ def is_locked(path: Path) -> bool:
 
 
 def is_running(pid: int) -> bool:
-    """Whether a process exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

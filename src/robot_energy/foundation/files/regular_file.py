@@ -80,11 +80,8 @@ def xml_encoding(data: bytes) -> str:
 
 
 _KINDS = {
-    stat.S_IFIFO: "it is a pipe; write its content to a file and name that",
-    stat.S_IFCHR: "it is a device; write its content to a file and name that",
-    stat.S_IFBLK: "it is a device; write its content to a file and name that",
-    stat.S_IFSOCK: "it is a socket; write its content to a file and name that",
-    stat.S_IFDIR: "it is a folder",
+    **{stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"},
+    **{stat.S_IFSOCK: "a socket", stat.S_IFDIR: "a folder"},
 }
 
 
@@ -151,6 +148,7 @@ def why_unreadable(error: OSError | UnicodeDecodeError) -> str:
 
 def _require_regular(mode: int, path: str | Path) -> None:
     if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "it is not a regular file")
-        number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
-        raise OSError(number, kind, str(path))
+        folder, kind = stat.S_ISDIR(mode), _KINDS.get(stat.S_IFMT(mode), "not a regular file")
+        remedy = "" if folder else "; write its content to a file and name that"
+        number = errno.EISDIR if folder else errno.EINVAL
+        raise OSError(number, f"it is {kind}{remedy}", str(path))

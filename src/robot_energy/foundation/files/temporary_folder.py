@@ -30,12 +30,10 @@ class TemporaryFolder(AbstractContextManager["TemporaryFolder"]):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def __exit__(self, *error: object) -> None:
-        """Remove the folder."""
         self.remove()
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove what killed processes of this user left."""
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if not entry.name.startswith(PREFIX):

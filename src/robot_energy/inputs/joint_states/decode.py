@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.parameters import MESSAGES, RECEIVE
 from robot_energy.inputs.rejection_log import MAX_JOINTS, ByNames, RejectionLog, remember_names

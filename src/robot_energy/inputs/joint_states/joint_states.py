@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.inputs.joint_states.decode import (
     JOINT_STATE,
@@ -46,10 +46,11 @@ from robot_energy.timeline.stamps import (
     BY_PERIOD,
     MAX_MAX_GAP,
     MIN_PERIOD_NS,
-    StampOrder,
+    EpochRun,
+    Reach,
     sentence_of,
 )
-from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter
+from robot_energy.timeline.streams import StampOrder, StreamSplitter
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -15,7 +15,8 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock
-from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, OLDER, StampOrder, newer
+from robot_energy.timeline.stamps import BY_PERIOD, MAX_GAP_NS, OLDER, newer
+from robot_energy.timeline.streams import StampOrder
 
 SAME = 1e-6  # positions of one stamp that differ by less are the same [rad] or [m]
 SAME_STAMP = "conflicting_stamp"  # the reason under which messages that contradict it are counted

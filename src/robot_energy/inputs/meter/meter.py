@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.bag.cdr.schema import ScalarField, compile_schema, leaf, leaf_paths
 from robot_energy.bag.cdr.types import typestore as default_typestore
 from robot_energy.foundation.errors import ParameterError
@@ -29,12 +28,14 @@ from robot_energy.timeline.blocks import (
 from robot_energy.timeline.stamps import (
     BACKWARD_JUMP_NS,
     BAD_STAMP,
+    EpochRun,
+    Reach,
     first_needed,
     held_rows,
     sentence_of,
     valid_stamps,
 )
-from robot_energy.timeline.streams import EpochRun, Reach, StreamSplitter, joined
+from robot_energy.timeline.streams import StreamSplitter, joined
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

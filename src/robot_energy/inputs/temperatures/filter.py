@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.timeline.blocks import NANOSECOND, PLAUSIBLE_DEGC, Float, Int, differences
-from robot_energy.timeline.streams import SLOW_NS
+from robot_energy.timeline.stamps import SLOW_NS
 
 MAX_HEATING_RATE = 5.0  # K/s; a winding under its peak current stays below
 RESOLUTION = 2.0  # K; a step that coarse sensors and their noise make at any rate

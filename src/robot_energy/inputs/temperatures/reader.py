@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Decoder, Run, stamp_ns
+from robot_energy.bag.cdr.decode import Decoder, RawBatch, Run, stamp_ns
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import ByNames, RejectionLog, remember_names

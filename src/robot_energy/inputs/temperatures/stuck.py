@@ -35,9 +35,11 @@ class StuckTemperatureDetector:
     one stuck at a high temperature hardly ever.
 
     Losses are summed over windows of 10 s of the stamps, in whole microjoules, which
-    doubles add up exactly. So any cutting into blocks gives the same verdict.
+    doubles add up exactly. So any cutting into blocks gives the same verdict, and samples may wait
+    until the window has ended, as long as nothing is stuck.
 
     Attributes:
+        window: Number of the window that has not ended; None before the first sample.
         stuck: Which readings are, shape (n,).
         rise: x, what the losses must have warmed each motor since its reading last
             changed, shape (n,). [K]
@@ -53,7 +55,7 @@ class StuckTemperatureDetector:
         self.rise = np.zeros(n_joints)
         self._coldest = WARMEST_AMBIENT_DEGC
         self._reading: Float = np.full(n_joints, np.nan)  # that may be stuck
-        self._window: int | None = None
+        self.window: int | None = None
         self._heat = np.zeros(n_joints)  # of the window, whole numbers [uJ]
         self._changed = np.zeros(n_joints, dtype=np.bool_)  # in the window
         self._last: Float = np.full(n_joints, np.nan)  # reading
@@ -71,7 +73,7 @@ class StuckTemperatureDetector:
             loss: Of each motor while it turns, shape (N, n); NaN counts as none. [W]
             temperature_degc: Readings in use, shape (N, n), NaN where there is none. [degC]
         """
-        first = self._window is None
+        first = self.window is None
         elapsed = differences(stamp_ns, int(stamp_ns[0]) if first else self._last_ns)
         elapsed[differences(segment, self._segment) != 0] = 0
         heat = loss * (elapsed * (NANOSECOND / MICROJOULE))[:, None]
@@ -85,9 +87,9 @@ class StuckTemperatureDetector:
         marks: NDArray[np.bool_] | None = None
         for start, stop in pairwise(bounds):
             window = int(stamp_ns[start]) // WINDOW_NS
-            if self._window is not None and window != self._window:
-                self._close(window - self._window)
-            self._window = window
+            if self.window is not None and window != self.window:
+                self._close(window - self.window)
+            self.window = window
             if self.stuck.any():
                 marks = np.zeros(len(stamp_ns), dtype=np.bool_) if marks is None else marks
                 marks[start:stop] = True

@@ -7,21 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.inputs.rejection_log import RejectionLog
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.reader import TemperatureReader, TemperatureReadings
 from robot_energy.timeline.blocks import NANOSECOND, Int, TemperatureBlock
-from robot_energy.timeline.stamps import BACKWARD_JUMP_NS, newest_by_epoch, sentence_of
-from robot_energy.timeline.streams import (
+from robot_energy.timeline.stamps import (
+    BACKWARD_JUMP_NS,
     SLOW_NS,
-    STRAY_STAMP,
     EpochRun,
-    EpochSplitter,
-    StreamSplitter,
-    joined,
+    newest_by_epoch,
+    sentence_of,
     slow_reach,
 )
+from robot_energy.timeline.streams import STRAY_STAMP, EpochSplitter, StreamSplitter, joined
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

@@ -232,14 +232,6 @@ def with_hole(good):
         (bad(motor_torque=dead), "torque of shoulder never changes"),
         (bad(motor_torque=with_hole), "torque of elbow is missing"),
         (bad(joint_position=lambda g: np.rad2deg(g.joint_position)), "faster than.*shoulder"),
-        (
-            [Channels(100.0, np.zeros((500, 3)), np.zeros((500, 3)))],
-            "3 joints; expected 2 as the model: shoulder, elbow",
-        ),
-        (
-            [*bad(), Channels(100.0, np.zeros((500, 2)), np.zeros((500, 2)))],
-            "different rates",
-        ),
     ],
 )
 def test_unusable_recording_is_refused_and_says_what_to_record(channels, words):

@@ -125,7 +125,7 @@ def test_weight_does_not_go_into_the_offset_that_the_model_file_lacks():
 
 
 def offsets(result):
-    names = [name for column in result.columns for name in column.names(("1", "2"), np.eye(2))]
+    names = [f"{one.kind} {j + 1}" for one in result.columns for j in one.joints(np.eye(2))]
     return np.array(
         [
             value

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robot_energy.accounting.comparison import Comparison
-from robot_energy.bag.cdr.batch import RawBatch
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.foundation.errors import MessageTypeError, ParameterError
 from robot_energy.inputs.meter.meter import MeterIngest

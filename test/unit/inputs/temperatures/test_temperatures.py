@@ -1,7 +1,6 @@
 import numpy as np
 
-from robot_energy.bag.cdr.batch import RawBatch
-from robot_energy.bag.cdr.decode import Encoder, stamp_columns
+from robot_energy.bag.cdr.decode import Encoder, RawBatch, stamp_columns
 from robot_energy.inputs.sources import TemperatureSource
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 

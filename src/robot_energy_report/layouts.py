@@ -1,4 +1,10 @@
-"""Layouts of Foxglove, Lichtblick (the form before), PlotJuggler 3 and rqt, and their files."""
+"""Layouts of Foxglove, Lichtblick (the form before), PlotJuggler 3 and rqt.
+
+They are made from the message definitions: which numbers belong into one plot, then the files.
+
+Every `float64` of our messages is in a plot: those of a message that share a unit together, those
+of the joints by field; a new field appears by itself. The first page is a choice of the totals.
+"""
 
 from __future__ import annotations
 
@@ -7,24 +13,165 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 from xml.etree import ElementTree
 
+from robot_energy.bag.cdr.types import definition
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LayoutError
 from robot_energy.foundation.files.output_files import FileKind, check_file, write_file
-from robot_energy.foundation.kinds import Kind, Kinds
-from robot_energy_report.layouts.plots import DIAGNOSTICS, JOINTS, Page, Plot, PlotCurve, pages
+from robot_energy.messages.fields import METER_TOPIC, TEMPERATURES_TOPIC
+
+DIAGNOSTICS = "/diagnostics"
+UNIT = re.compile(r"\[([^\]\d][^\]]*)\]")
+FIELD = re.compile(r"^(\S+)\s+(\w+)\s*$")
+
+
+class PlotCurve(Described):
+    """One line of a plot."""
+
+    topic: str
+    field: Annotated[str, "Of the message, or of the entry of `joints`."]
+    joint: Annotated[int | None, "Position of the joint; None for a number of the whole robot."] = (
+        None
+    )
+    name: Annotated[str, "Name of the joint; empty for the whole robot."] = ""
+    nested: Annotated[bool, "Whether joints are entries of `joints`, not elements."] = False
+
+    def path(self, dots: bool) -> str:
+        """Return its path, with dots as Foxglove and Lichtblick or with slashes as the others."""
+        between = "." if dots else "/"
+        if self.nested:
+            entry = f'[:]{{name=="{self.name}"}}' if dots else f"[{self.joint}]"
+            return between.join((self.topic, f"{JOINTS}{entry}", self.field))
+        index = "" if self.joint is None else f"[{self.joint}]"
+        return f"{self.topic}{between}{self.field}{index}"
+
+
+@dataclass(frozen=True)
+class Plot:
+    """Curves with one axis."""
+
+    title: str
+    curves: tuple[PlotCurve, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """Plots that are seen together."""
+
+    title: str
+    plots: tuple[Plot, ...]
+
+
+# Topic, type, title of the page of its totals, title of the page of its joints; empty: no page.
+TOPICS = (
+    ("/energy/power", "PowerState", "Power", "Joints"),
+    ("/energy/registers", "EnergyRegisters", "Registers", "Energy of joints"),
+    ("/energy/joint_torque", "JointTorque", "", "Torque"),
+    ("/energy/joint_friction", "JointFriction", "", "Friction"),
+    ("/energy/payload", "Payload", "", ""),
+    (METER_TOPIC, "PowerReading", "Meter", ""),
+    (TEMPERATURES_TOPIC, "MotorTemperatures", "", "Temperatures"),
+)
+JOINTS = "joints"
+# The first page: titles, and fields of one topic in each.
+OVERVIEW = (
+    (
+        "Power from the grid [W]",
+        "/energy/power",
+        ("predicted_grid_power", "predicted_power_lower", "predicted_power_upper"),
+    ),
+    ("Power at the meter [W]", "/energy/power", ("predicted_power_at_meter", "measured_power")),
+    (
+        "Where it goes [W]",
+        "/energy/power",
+        (
+            "rigid_power", "friction_power", "drive_loss", "loss_dc", "loss_grid",
+            "brake_power", "capacitor_power",
+        ),
+    ),
+    ("Predicted minus measured [W]", "/energy/power", ("residual_power",)),
+    (
+        "Energy [J]",
+        "/energy/registers",
+        ("predicted_import_energy", "predicted_energy_at_meter", "measured_energy", "brake_energy"),
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Number:
+    name: str
+    unit: str
+    array: bool
+
+
+def pages(joint_names: Sequence[str]) -> list[Page]:
+    """Return all pages of plots."""
+    overview = (
+        Plot(title, tuple(PlotCurve(topic, name) for name in fields))
+        for title, topic, fields in OVERVIEW
+    )
+    found = [Page("Energy", tuple(overview))]
+    for topic, kind, totals, by_joint in TOPICS:
+        numbers = _numbers(kind)
+        if totals:
+            found.append(Page(totals, _totals(topic, numbers)))
+        if by_joint:
+            arrays = [number for number in numbers if number.array]
+            entries, _ = _fields(kind).get(JOINTS, ("", ""))
+            nested = _numbers(entries.removesuffix("[]")) if entries else []
+            plots = [_by_joint(topic, number, joint_names, False) for number in arrays]
+            plots += [_by_joint(topic, number, joint_names, True) for number in nested]
+            found.append(Page(by_joint, tuple(plots)))
+    return found
+
+
+def _totals(topic: str, numbers: Sequence[_Number]) -> tuple[Plot, ...]:
+    units = dict.fromkeys(number.unit for number in numbers if not number.array)
+    return tuple(
+        Plot(
+            f"{topic} [{unit}]",
+            tuple(
+                PlotCurve(topic, one.name) for one in numbers if one.unit == unit and not one.array
+            ),
+        )
+        for unit in units
+    )
+
+
+def _by_joint(topic: str, number: _Number, joint_names: Sequence[str], nested: bool) -> Plot:
+    curves = (
+        PlotCurve(topic, number.name, at, name, nested) for at, name in enumerate(joint_names)
+    )
+    return Plot(f"{number.name} [{number.unit}]", tuple(curves))
+
+
+def _numbers(kind: str) -> list[_Number]:
+    """Every float64 of a message of ours, and arrays of them, in the order of its definition."""
+    return [
+        _Number(name, unit, written.endswith("[]"))
+        for name, (written, unit) in _fields(kind).items()
+        if written in ("float64", "float64[]")
+    ]
+
+
+def _fields(kind: str) -> dict[str, tuple[str, str]]:
+    """Type and unit of every field: the unit stands in brackets in the comment above it."""
+    found: dict[str, tuple[str, str]] = {}
+    comment = ""
+    for line in definition(kind).splitlines():
+        match = FIELD.match(line)
+        if match is not None:
+            units = UNIT.findall(comment)
+            found[match.group(2)] = match.group(1), units[0] if units else "-"
+        comment = f"{comment} {line}" if line.startswith("#") else ""
+    return found
+
 
 VARIABLES = {"made_by": "robot-energy"}
 COLUMNS = 2  # of plots on a page
-
-
-def _message_path(curve: PlotCurve) -> str:
-    """Return the message path of a curve, in the syntax that both viewers share."""
-    if curve.nested:
-        return f'{curve.topic}.{JOINTS}[:]{{name=="{curve.name}"}}.{curve.field}'
-    index = "" if curve.joint is None else f"[{curve.joint}]"
-    return f"{curve.topic}.{curve.field}{index}"
 
 
 def foxglove(pages: Sequence[Page]) -> str:
@@ -109,8 +256,8 @@ def _panel(kind: str, title: str, config: dict[str, Any]) -> dict[str, Any]:
 def _series(plot: Plot) -> list[dict[str, Any]]:
     return [
         {
-            "value": _message_path(curve),
-            "label": curve.label,
+            "value": curve.path(dots=True),
+            "label": curve.name or curve.field,
             "enabled": True,
             "timestampMethod": "headerStamp",
         }
@@ -146,14 +293,6 @@ STREAMER = "ROS2 Topic Subscriber"
 LOADER = "DataLoad ROS2 bags"
 ROWS = 6  # plots of a column, beyond which there is another
 PLOT, MONITOR = "rqt_plot/Plot", "rqt_runtime_monitor/RuntimeMonitor"
-
-
-def series_name(curve: PlotCurve) -> str:
-    """Return the name of a curve as PlotJuggler lists it."""
-    if curve.nested:
-        return f"{curve.topic}/{JOINTS}[{curve.joint}]/{curve.field}"
-    index = "" if curve.joint is None else f"[{curve.joint}]"
-    return f"{curve.topic}/{curve.field}{index}"
 
 
 def plotjuggler(pages: Sequence[Page]) -> str:
@@ -205,7 +344,7 @@ def _area(parent: ElementTree.Element, plot: Plot) -> None:
     ElementTree.SubElement(drawn, "limitY")
     for at, curve in enumerate(plot.curves):
         colour = COLOURS[at % len(COLOURS)]
-        ElementTree.SubElement(drawn, "curve", {"name": series_name(curve), "color": colour})
+        ElementTree.SubElement(drawn, "curve", {"name": curve.path(dots=False), "color": colour})
 
 
 def rqt(pages: Sequence[Page]) -> str:
@@ -215,7 +354,7 @@ def rqt(pages: Sequence[Page]) -> str:
         settings = {
             "autoscroll": True,
             "plot_type": 1,
-            "topics": [series_name(curve) for curve in plot.curves],
+            "topics": [curve.path(dots=False) for curve in plot.curves],
             "x_limits": [0.0, 10.0],
             "y_limits": [0.0, 1.0],
         }
@@ -243,39 +382,16 @@ def _value(value: Any) -> dict[str, str]:
     return {"type": "repr", "repr": repr(value)}
 
 
-MARK = b"robot-energy"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Layout(Kind):
-    """A layout for one viewer.
-
-    Attributes:
-        file: Its file name.
-        start: First bytes of the file.
-        make: Makes its text.
-    """
-
-    file: str
-    start: bytes
-    make: Callable[[Sequence[Page]], str]
-
-
-LAYOUTS = Kinds(
-    "viewer",
-    *(
-        Layout(name=name, label=label, line=line, file=file, start=start, make=make)
-        for name, label, line, file, start, make in (
-            ("foxglove", "Foxglove", "layout of version 1", "foxglove.json", b"{", foxglove),
-            ("lichtblick", "Lichtblick", "layout of the older form", "lichtblick.json", b"{",
-             lichtblick),
-            ("plotjuggler", "PlotJuggler 3", "layout with a ROS 2 streamer", "plotjuggler.xml",
-             b"<?xml", plotjuggler),
-            ("rqt", "rqt", "perspective with the first page and the diagnostics", "rqt.perspective",
-             b"{", rqt),
-        )
-    ),
-)  # fmt: skip
+LAYOUTS: dict[str, tuple[FileKind, Callable[[Sequence[Page]], str]]] = {
+    file: (FileKind(f"a layout for {viewer}", start, b"robot-energy"), make)
+    for file, viewer, start, make in (
+        ("foxglove.json", "Foxglove", b"{", foxglove),
+        ("lichtblick.json", "Lichtblick", b"{", lichtblick),
+        ("plotjuggler.xml", "PlotJuggler 3", b"<?xml", plotjuggler),
+        ("rqt.perspective", "rqt", b"{", rqt),
+    )
+}
+"""By the name of its file what a layout is, and what makes its text."""
 
 
 def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
@@ -288,13 +404,8 @@ def write_layouts(folder: str | Path, joint_names: Sequence[str]) -> list[Path]:
             f"the folder '{place}' cannot be made ({error.strerror})", "a place for one"
         ) from error
     made = pages(joint_names)
-    files = [(place / one.file, one) for one in LAYOUTS.values()]
-    for path, one in files:
-        check_file(path, _kinds(one), "the layout", error=LayoutError)
-    for path, one in files:
-        write_file(path, one.make(made).encode(), _kinds(one), "the layout", LayoutError)
-    return [path for path, _ in files]
-
-
-def _kinds(one: Layout) -> tuple[FileKind, ...]:
-    return (FileKind(f"a layout for {one.label}", one.start, MARK),)
+    for name, (kind, _) in LAYOUTS.items():
+        check_file(place / name, (kind,), "the layout", error=LayoutError)
+    for name, (kind, make) in LAYOUTS.items():
+        write_file(place / name, make(made).encode(), (kind,), "the layout", LayoutError)
+    return [place / name for name in LAYOUTS]

@@ -1,22 +1,187 @@
-"""Power of each state of an auxiliary load, with its interval, and tried on held-out readings."""
+"""Powers of the states of auxiliary loads, and the readings of a meter that show each of them.
+
+A power is taken from readings that lie inside one state: of the load's own meter, or of the meter
+of the outlet while the robot stands still (paper B, figure 1).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import field
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
+from robot_energy.accounting.load_curve import UNKNOWN
+from robot_energy.bag import BagReader
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.inputs.auxiliary import LoadTopics
+from robot_energy.inputs.bag_topics import find_auxiliary
+from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
-from robot_energy.timeline.blocks import Float, Int
-from robot_energy_identify.auxiliary.readings import StateReadings
+from robot_energy.model.figure import PositiveFigure
+from robot_energy.replay.replay_steps import LoadIngest
+from robot_energy.timeline.blocks import Float, Int, MeterBlock
+from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.bounds import identified
+from robot_energy_identify.cabinet.phase_readings import (
+    BEFORE_MOTION,
+    SETTLED,
+    holding,
+    readings_inside,
+)
+from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.stats.regression import Fit, regress
 from robot_energy_identify.stats.systematic import METER, total, with_systematic
+
+AFTER_CHANGE = 500_000_000  # ns after a state has changed, until its power counts
+
+
+class StateChanges(Described):
+    """When a load changed its state."""
+
+    stamp_ns: Annotated[Int, "Since when, rising, shape (K,). [ns]"]
+    state: Annotated[Int, "Number since then, shape (K,); `UNKNOWN` before the first message."]
+
+    @classmethod
+    def of(cls, load: AuxiliaryLoad, block: MeterBlock | None) -> StateChanges:
+        """Return the changes of a load from numbers of its states, as powers in order."""
+        stamp = np.array([np.iinfo(np.int64).min])
+        state = np.array([0 if len(load.states) == 1 else UNKNOWN])
+        if block is not None and len(load.states) > 1:
+            order = np.argsort(block.stamp_ns, kind="stable")
+            number = block.power[order]
+            fits = (number == np.floor(number)) & (number >= 0) & (number < len(load.states))
+            stamp = np.concatenate([stamp, block.stamp_ns[order]])
+            state = np.concatenate([state, np.where(fits, number, UNKNOWN).astype(np.int64)])
+        news = np.append(True, np.diff(state) != 0)
+        return cls(stamp[news], state[news])
+
+    def inside(self, pieces: CoveredPieces) -> Int:
+        """Return which change each piece lies behind, -1 where its state is not one alone."""
+        first = np.searchsorted(self.stamp_ns, pieces.stamp_ns - AFTER_CHANGE, side="right") - 1
+        last = np.searchsorted(self.stamp_ns, pieces.end_ns, side="left") - 1
+        return np.where((first == last) & (self.state[first] != UNKNOWN), first, -1)
+
+
+class StateReadings(Described):
+    """Readings of one recording, each inside one state of every load."""
+
+    power: Annotated[Float, "Shape (N,). [W]"]
+    duration: Annotated[Float, "Shape (N,). [s]"]
+    state: Annotated[Int, "Number of the state of each load, shape (N, loads)."]
+    visit: Annotated[Int, "Number of the uninterrupted stretch of states, rising, shape (N,)."]
+    shown: Annotated[Float, "What the meter showed, which its gain concerns, shape (N,). [W]"]
+
+    def __len__(self) -> int:
+        return len(self.power)
+
+    def __getitem__(self, rows: slice | Int) -> StateReadings:
+        return StateReadings(*(each[rows] for each in self.__dict__.values()))
+
+    @classmethod
+    def joined(cls, parts: Sequence[StateReadings]) -> StateReadings:
+        """Return the readings of recordings as of one, every visit with a number of its own."""
+        starts = np.cumsum([0, *(int(part.visit.max(initial=0)) + 1 for part in parts)])
+        moved = [replace(p, visit=p.visit + add) for p, add in zip(parts, starts, strict=False)]
+        return cls(*map(np.concatenate, zip(*(p.__dict__.values() for p in moved), strict=True)))
+
+    @property
+    def first(self) -> list[int]:
+        """The least number of a state of each load."""
+        return self.state.min(axis=0).tolist()
+
+
+LoadRecording = Mapping[str, tuple[CoveredPieces, StateChanges]]
+"""What a bag holds of the loads, by their names: curve of the meter, none without; changes."""
+
+
+def read_loads(
+    path: str | Path, loads: Sequence[AuxiliaryLoad], inputs: Inputs | None
+) -> LoadRecording:
+    """Return the curves of the meters of loads and the changes of their states, by their names."""
+    bag = BagReader(path)
+    topics, _ = find_auxiliary(bag, loads, inputs)
+    readers = {name: LoadIngest(each, bag.typestore) for name, each in topics.items()}
+    blocks: dict[tuple[str, int], list[MeterBlock]] = {}
+    wanted = sorted({topic for each in topics.values() for topic in each.topics})
+    for part in (*(bag.parts(wanted) if wanted else ()), None):
+        for name, reader in readers.items():
+            read = reader.flush() if part is None else reader.step(part)
+            for place, block in enumerate(read):
+                if block is not None:
+                    blocks.setdefault((name, place), []).append(block)
+    whole = {key: MeterBlock.concatenate(found) for key, found in blocks.items()}
+    gap = 2.0 if inputs is None else inputs.meter_max_gap
+    return {
+        load.name: (
+            _pieces(topics[load.name], whole.get((load.name, 0)), gap),
+            StateChanges.of(load, whole.get((load.name, 1))),
+        )
+        for load in loads
+    }
+
+
+def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings:
+    """Return the readings of a load's own meter that lie inside one state."""
+    pieces, changes = recording[load.name]
+    row = changes.inside(pieces)
+    kept, row = pieces[row >= 0], row[row >= 0]
+    power = kept.mean_power
+    return StateReadings(power, kept.duration, changes.state[row][:, None], row, power)
+
+
+def outlet_readings(
+    recording: Recording, loads: Sequence[AuxiliaryLoad], held: LoadRecording
+) -> StateReadings:
+    """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
+
+    Loads with a meter of their own are taken off by it.
+    """
+    if recording.meter is None:
+        raise NotIdentifiableError(
+            f"{recording.path.name} has no power meter", "a meter of the outlet"
+        )
+    pieces = readings_inside(recording, holding(recording), SETTLED, BEFORE_MOTION)
+    power, shown = pieces.mean_power, pieces.mean_power
+    stamp, middle = recording.power.stamp_ns, (pieces.stamp_ns + pieces.end_ns) // 2
+    row = np.clip(np.searchsorted(stamp, middle), 0, len(stamp) - 1)
+    power = power - recording.power.grid_power[row]
+    known = np.isfinite(power)
+    rows: list[Int] = []
+    states: list[Int] = []
+    for load in loads:
+        curve, changes = held[load.name]
+        if load.metered:
+            own, inside = curve.index(pieces.stamp_ns, pieces.end_ns)
+            known &= inside
+            if len(curve):
+                power = power - curve.value(own, middle)
+            continue
+        change = changes.inside(pieces)
+        known &= change >= 0
+        rows.append(change)
+        states.append(changes.state[change])
+    used = np.flatnonzero(known)
+    where = np.stack(rows, axis=1)[used]
+    apart = (np.diff(where, axis=0) != 0).any(axis=1) if len(used) > 1 else np.empty(0, bool)
+    visit = np.concatenate([[0], np.cumsum(apart)])[: len(used)]
+    return StateReadings(
+        power[used], pieces.duration[used], np.stack(states, axis=1)[used], visit, shown[used]
+    )
+
+
+def _pieces(topics: LoadTopics, block: MeterBlock | None, max_gap: float) -> CoveredPieces:
+    """The longest stretch of a meter's curve whose stamps do not go back."""
+    if block is None:
+        return NO_PIECES
+    limits = topics.limits
+    limits = type(limits)(max_gap, limits.max_power, limits.wraps_at)
+    return max(limits.pieces(block), key=len)
+
 
 MIN_READINGS = 5  # of a state
 CHUNKS = 8  # that the readings of a state are cut into where it was in force fewer times
@@ -31,10 +196,7 @@ class StateFit(Described):
     load: Annotated[str, "Name of the load."]
     state: Annotated[str, "Of the state."]
     power: Annotated[float, "[W]"]
-    std: Annotated[
-        float | None,
-        "Its standard deviation; None where one reading says nothing of its scatter. [W]",
-    ]
+    std: Annotated[float | None, "None where one reading says nothing of its scatter. [W]"]
     parts: Annotated[dict[str, float], "Deviations by cause. [W]"]
     readings: Annotated[int, "Behind it."]
     visits: Annotated[int, "How often the state was in force."]
@@ -59,14 +221,10 @@ class LoadsFit(Described):
 
     loads: Annotated[tuple[str, ...], "Their names."]
     source: Annotated[str, "`OWN` or `OUTLET`."]
-    states: Annotated[
-        tuple[StateFit, ...], "What was found; states without enough readings are left out."
-    ]
+    states: Annotated[tuple[StateFit, ...], "Those with enough readings."]
     held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
     used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
-    notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."] = (
-        field(default=())
-    )
+    notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."]
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:
@@ -84,16 +242,13 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
             "readings that lie inside one state, half a second after its change",
             "record its meter and its state, in every state for some seconds",
         )
-    before = np.array([figure.value for figure in load.states.values()])
-    powers = before.copy()
+    before = {name: figure.value for name, figure in load.states.items()}
     tried: list[Tried] = []
     for train, test in _folds(parts):
         found, _ = _states(load, StateReadings.joined(train), gain)
-        powers[:] = before
-        for one in found:
-            powers[load.state_names.index(one.state)] = one.power
-        number = test.state[:, 0]
-        tried.append((test.power, powers[number], before[number], test.duration))
+        powers = before | {one.state: one.power for one in found}
+        new, old = (np.array([*each.values()])[test.state[:, 0]] for each in (powers, before))
+        tried.append((test.power, new, old, test.duration))
     held = _held_out(tried, len(parts))
     return LoadsFit((load.name,), OWN, states, held, _taken(held, [load]), notes)
 
@@ -101,27 +256,19 @@ def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) ->
 def fit_outlet(
     loads: Sequence[AuxiliaryLoad], parts: Sequence[StateReadings], gain: float
 ) -> LoadsFit:
-    """Identify states from a meter of the outlet, while the robot stands still.
+    """Return powers of states from a meter of the outlet, gain as in `fit_own`.
 
-    What cabinet and loads draw at rest is unknown but constant in a recording, so only
-    differences between states show: the first state of each load keeps the power of the model.
-
-    Args:
-        loads: Those without a meter of their own, in the order of the columns of the states.
-        gain: Standard deviation of the gain of the meter. [-]
-
-    Returns:
-        Powers of all states but the first of each load, and how their differences do on what
-        the fit has not seen.
+    The loads have no meter of their own. What cabinet and loads draw at rest is unknown but
+    constant in a recording, so only differences between states show, held out as well: the first
+    state of each load keeps the power of the model.
     """
     fit, columns = _regressed(loads, parts, gain)
     states: list[StateFit] = []
     whole = StateReadings.joined(parts)
     for place, (load, number) in enumerate(columns, len(parts)):
-        entry, rows = loads[load], np.flatnonzero(whole.state[:, load] == number)
-        first = list(entry.states.values())[whole.first[load]].value
-        power = first + float(fit.values[place])
-        states.append(_state_fit(entry, number, power, fit.parts_of(place), whole[rows]))
+        entry, own = loads[load], whole[np.flatnonzero(whole.state[:, load] == number)]
+        power = _figures(entry)[whole.first[load]] + float(fit.values[place])
+        states.append(_state_fit(entry, number, power, fit.parts_of(place), own))
     notes = tuple(
         f"a meter of the outlet shows differences alone: {load.name} "
         f"{load.state_names[first]} keeps the power of the model"
@@ -134,16 +281,13 @@ def fit_outlet(
 
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
     """Return a model with the identified powers that are used."""
-    found = {(s.load, s.state): s for fit in fits if fit.used for s in fit.states}
-    loads: list[AuxiliaryLoad] = []
-    for load in model.auxiliary or ():
-        states = {
-            name: old
-            if (one := found.get((load.name, name))) is None
-            else identified(one.power, one.std, source)
-            for name, old in load.states.items()
-        }
-        loads.append(load.model_copy(update={"states": states}))
+    found: dict[str, dict[str, PositiveFigure]] = {}
+    for one in (state for fit in fits if fit.used for state in fit.states):
+        found.setdefault(one.load, {})[one.state] = identified(one.power, one.std, source)
+    loads = [
+        load.model_copy(update={"states": {**load.states, **found.get(load.name, {})}})
+        for load in model.auxiliary or ()
+    ]
     return model.changed(auxiliary=tuple(loads))
 
 
@@ -192,8 +336,12 @@ def _state_fit(
         len(own),
         len(np.unique(own.visit)),
         float(own.duration.sum()),
-        list(load.states.values())[number].value,
+        _figures(load)[number],
     )
+
+
+def _figures(load: AuxiliaryLoad) -> list[float]:
+    return [figure.value for figure in load.states.values()]
 
 
 def _regressed(
@@ -237,9 +385,9 @@ def _outlet_held_out(
         first = StateReadings.joined(train).first
         for place, (load, number) in enumerate(columns, len(train)):
             rows = test.state[:, load] == number
-            figures = list(loads[load].states.values())
+            figures = _figures(loads[load])
             new[rows] += fit.values[place]
-            before[rows] += figures[number].value - figures[first[load]].value
+            before[rows] += figures[number] - figures[first[load]]
         rest, new, before = (
             each - np.average(each, weights=test.duration) for each in (test.power, new, before)
         )

@@ -1,1 +1,0 @@
-"""Power of the states of loads outside of the cabinet."""
