@@ -36,6 +36,10 @@ MIN_SHARE = 0.5  # of a stretch that must be compared
 MIN_STRETCHES = 12  # before a lag is found: a minute
 MAX_STRETCHES = 120  # behind it: ten minutes
 MAX_LAG = 1.0  # that is found [s]
+SAME = 1e-6  # of a reading by which those of a meter that stands still differ
+MIN_STILL = 8.0  # s of equal readings that are worth a sentence
+MIN_READINGS = 10  # among them
+VARIES = 0.2  # standard deviation over mean of the power of a robot that works: 0.6 to 1
 SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
 WINDOW = 60  # of the rolling residual [s]
 MAX_WAITING = 4096  # intervals whose sums are made together
@@ -199,6 +203,56 @@ def _energy_at(rows: _Followed, time_ns: Int, side: str) -> Float:
     behind = start.behind * kept - (power - start.power) * moved
     lag = start.constant * (power + behind - (start.power + start.behind))
     return start.energy + 0.5 * (start.power + power) * seconds - lag
+
+
+class StillReadings:
+    """Readings that stay the same to the digit while the predicted power changes.
+
+    Attributes:
+        longest: Time [s] and value [W] of the longest such run that has ended; 0 s for none.
+    """
+
+    def __init__(self) -> None:
+        self.longest = (0.0, 0.0)
+        self._power, self._stamp_ns = np.nan, 0
+        self._sums = np.zeros(4)  # time, energy, power squared over time, readings of the open run
+
+    @property
+    def open(self) -> tuple[float, float]:
+        """The same of the run that goes on."""
+        return _still(self._sums), self._power
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable."""
+        if not len(compared):
+            return
+        seconds, drawn = compared.duration_ns * NANOSECOND, compared.drawn
+        power = compared.measured / seconds
+        before = np.append(self._power, power[:-1])
+        fresh = compared.stamp_ns != np.append(self._stamp_ns, compared.stamp_ns[:-1])
+        differs = ~(np.abs(power - before) <= SAME * np.abs(before))
+        starts = np.flatnonzero(differs)
+        bounds = starts if differs[0] else np.append(0, starts)
+        table = np.column_stack([seconds, drawn, drawn * drawn / seconds, fresh])
+        sums = np.add.reduceat(table, bounds, axis=0)
+        values = [*power[bounds[:1]], *power[bounds[1:]]]
+        if differs[0]:
+            sums, values = np.concatenate([self._sums[None], sums]), [self._power, *values]
+        else:
+            sums[0] += self._sums
+        for row in np.flatnonzero(sums[:-1, 0] >= MIN_STILL).tolist():
+            self.longest = max(self.longest, (_still(sums[row]), float(values[row])))
+        self._sums, self._power = sums[-1], float(power[-1])
+        self._stamp_ns = int(compared.stamp_ns[-1])
+
+
+def _still(sums: Float) -> float:
+    """Time of a run of equal readings in which the predicted power varies; 0 if not. [s]"""
+    seconds, energy, squares, readings = sums.tolist()
+    if seconds < MIN_STILL or readings < MIN_READINGS:
+        return 0.0
+    mean = energy / seconds
+    return seconds if squares / seconds - mean**2 > (VARIES * mean) ** 2 else 0.0
 
 
 class MeterSums:
