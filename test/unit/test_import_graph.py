@@ -67,7 +67,7 @@ MODULES = {
     "robot_energy.physics": """
         counterbalance derivative drives_and_cabinet drivetrain effort electrical_power
         equations friction hold_torque motor_heat pinocchio_model rigid_body
-        torque_limits
+        torque_constant torque_limits
     """,
     "robot_energy.physics.urdf": """
         checks moving_joints parse
@@ -141,6 +141,7 @@ MODULES = {
     """,
     "robot_energy_identify.friction": """
         apart friction further_terms held_out hold laws samples shared_shape temperature_study
+        torque_constants
     """,
     "robot_energy_identify.results": """
         dynamics evaluation identification
