@@ -27,13 +27,14 @@ from robot_energy.foundation.errors import (
 )
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
+from robot_energy.model.schema import CabinetFan
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import Effort
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.cabinet.cabinet import CabinetFit, fit_cabinet, with_likely_fan
 from robot_energy_identify.cabinet.dc_link import Voltages
-from robot_energy_identify.cabinet.fan import FanFound
+from robot_energy_identify.cabinet.fan import FanFound, with_begin
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy_identify.data.recordings import spread
 from robot_energy_identify.drives.all_drives import DrivesFound
@@ -212,7 +213,10 @@ def in_turns(
     """
     fan = drives.model.cabinet.fan
     if fan is not None:
-        model = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+        if isinstance(cabinet.found, CabinetFit) and cabinet.found.fan is not None:
+            fan = with_begin(fan, read_all(bags, drives.model), source)
+            drives = replace(drives, model=_with_fan(drives.model, fan))
+        model = _with_fan(model, fan)
     times = 1
     while times <= MAX_TURNS:
         times += 1
@@ -242,6 +246,10 @@ def in_turns(
             break
     note = f"cabinet and drives were identified {times} times, each with the result of the other"
     return cabinet, replace(drives, notes=(*drives.notes, note))
+
+
+def _with_fan(model: RobotModel, fan: CabinetFan) -> RobotModel:
+    return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
 
 
 def order_of(bags: Sequence[Bag]) -> tuple[Subject, ...]:

@@ -301,13 +301,11 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
 def fan_refused(drives: Step) -> str:
     """Return why the fan that was taken off the readings is not taken; empty if it is."""
     total = drives.found.total if isinstance(drives.found, DrivesFound) else None
-    new, old = (
-        (None, None) if total is None else (total.scores.get("identified"), total.without_fan)
-    )
-    if new is None or old is None:
+    if total is None or not total.fan_test:
         return "without losses of the drives it cannot be tested on held-out readings"
-    if new.beats(old):
+    if any(new.beats(old) for new, old in total.fan_test):
         return ""
+    new, old = total.fan_test[0]
     return (
         f"with a fan held-out readings are predicted no better (energy "
         f"{100 * new.energy_error:.1f} % off and {new.rms:.3g} W RMS; without "

@@ -53,10 +53,7 @@ class Sensors(Described):
 
 
 class RigConfig(Described):
-    """Every effect beyond rigid bodies, Coulomb and viscous friction, on or off.
-
-    The effects of `HARD` are off by default. No model file has a term for them.
-    """
+    """Effects beyond rigid bodies, Coulomb and viscous friction; those of `HARD` are off."""
 
     stribeck: Annotated[bool, "Friction rises towards standstill."] = True
     load_friction: Annotated[bool, "Coulomb friction grows with the load."] = True

@@ -46,10 +46,6 @@ class Lubricant(Described):
     Walther's law in the form of ASTM D341, ``log10 log10(nu + 0.7) = A - B log10(T)`` with
     the kinematic viscosity nu in mm^2/s and T in kelvin, fixed by the two figures of an
     oil's data sheet, nu at 40 and at 100 degC.
-
-    Raises:
-        RigError: If the oil does not thin with temperature.
-
     """
 
     viscosity_40: Annotated[float, "Kinematic, at 40 degC: the ISO VG grade within 10 %. [mm^2/s]"]
@@ -162,12 +158,7 @@ class HardEffects(Described):
 
 
 class PlantProfile(Described):
-    """One robot of the rig, motor side, shape (n,) each.
-
-    Raises:
-        RigError: If shapes differ or a figure is negative.
-
-    """
+    """One robot of the rig, motor side, shape (n,) each."""
 
     body: Annotated[
         str, "A shipped model or model file: URDF, payload, gear ratios, rotor inertias of it."

@@ -67,8 +67,10 @@ class Capacitor(ModelEntry):
         return 0.5 * self.capacitance.value * squares
 
 
-class CabinetFan(ModelEntry):
+class CabinetFan(LateEntry):
     """A fan on the grid side that the temperature of the warmest motor switches."""
+
+    LATE = ("begins_off_to_degc",)
 
     power: Annotated[PositiveFigure, "While it runs. [W]"]
     on_above_degc: Annotated[
@@ -79,6 +81,11 @@ class CabinetFan(ModelEntry):
     hysteresis: Annotated[
         PositiveFigure | None,
         "It stops that much below; between the two it stays as it was. Absent: 0. [K]",
+    ] = None
+    begins_off_to_degc: Annotated[
+        Figure | None,
+        "Up to this first temperature of the warmest motor it does not run, as recordings that "
+        "began there show. Absent: of the fans between stop and start half run at first. [degC]",
     ] = None
 
 

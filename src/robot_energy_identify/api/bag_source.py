@@ -118,10 +118,7 @@ class BagSource:
     def lazy(
         self, model: RobotModel, drive_power: DrivePowerTopics | None
     ) -> tuple[list[Bag], str]:
-        """Return the bags as identification reads them again and again, in parts.
-
-        Also why their effort cannot be used; empty if it can, or was not stated.
-        """
+        """Return the bags as identification reads them in parts, and why no effort is used."""
         meaning, read = self.meaning()
         refused = usable_effort(model, meaning)
         used = EffortMeaning.NONE if refused else meaning

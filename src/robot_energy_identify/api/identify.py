@@ -427,7 +427,7 @@ def identify_all(
     if options.get("held_out", True):
         kind, folds = folds_of(fitted, tests, [span for _, span in known])
         with progress("testing on what was held out") as report:
-            energy = held_out_energy(kind, folds, whole, skip, lambda _, share: report(share))
+            energy = held_out_energy(kind, folds, whole, skip, report)
     written = with_provenance(whole, read)
     tested = [entry for entry, _ in known[len(fitted) :]]
     found = identification_report(whole, written, read, tested, energy, notes)

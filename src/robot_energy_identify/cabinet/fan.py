@@ -20,12 +20,16 @@ from dataclasses import dataclass, replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
+from robot_energy.certainty.deviation import MEDIAN_TO_STD
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan
+from robot_energy.physics.drives_and_cabinet import FanStage
 from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.levels import level_step, levels_of
@@ -34,6 +38,7 @@ from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import COOL, winding_torque
 from robot_energy_identify.drives.losses import TERMS, loss_columns
 from robot_energy_identify.drives.total_power import BY_LEVELS
+from robot_energy_identify.stats.regression import estimate
 
 SURE = 5.0  # deviations of a step; without a fan the greatest of a warm-up are below 4
 BY_LEVELS_SURE, LIKELY = 4.0, 3.0  # of levels: of a fan, and of constants that are less sure
@@ -43,6 +48,8 @@ AROUND = 6  # rests to each side, between which it may lie
 FALL = 1.0  # K below its highest temperature, beyond which the warmest motor cools
 HYSTERESIS, HYSTERESIS_STD = 5.0, 2.0  # K; a warm-up does not show when the fan stops
 TOLERANCE = 2.0  # deviations of that temperature, within which another recording shows the step
+FED = 4.0  # deviations below the rests before and after, beyond which the DC link feeds a rest
+NOT_YET = 1.4  # deviations below its start, at which one fan of ten has started
 RANK = 1e-6  # of columns that the others explain
 EXACT = 1e-6  # W: no step is known better
 WARM_UP = "a warm-up with pauses of a second, with motor temperatures and a meter at the grid"
@@ -167,7 +174,29 @@ class Rests:
     @property
     def warming(self) -> Rests:
         """Those at which the warmest motor does not cool."""
-        rows = self.fall <= FALL
+        return self._rows(self.fall <= FALL)
+
+    @property
+    def fed_by_grid(self) -> Rests:
+        """Those whose power is not far below the rests before and after.
+
+        After hard braking the DC link feeds what a robot at rest takes, and the meter shows less.
+        """
+        count, joints = self.heat.shape
+        if count < 2 * (LEAST + joints):
+            return self
+        levels = (np.arange(count) // LEAST)[:, None] == np.arange(-(-count // LEAST))
+        columns = np.column_stack([self.heat, levels])
+        values, _ = estimate(columns, self.power)
+        power = self.power - self.heat @ values[:joints]
+        around = np.pad(power, LEAST, mode="edge")
+        medians = np.median(sliding_window_view(around, LEAST), axis=1)
+        low = np.minimum(medians[:count], medians[LEAST + 1 :]) - power  # before, after
+        scatter = MEDIAN_TO_STD * float(np.median(np.abs(low - np.median(low))))
+        kept = self._rows(low <= max(FED * scatter, EXACT))
+        return self if len(kept.time) == count else kept.fed_by_grid
+
+    def _rows(self, rows: NDArray[np.bool_]) -> Rests:
         every = self.time, self.power, self.warmest_degc, self.heat, self.fall
         return Rests(*(values[rows] for values in every))
 
@@ -235,6 +264,48 @@ class PowerStep:
         return self.power / self.std
 
 
+def with_begin(fan: CabinetFan, recordings: Sequence[Recording], source: str) -> CabinetFan:
+    """Return the fan with the warmest begin of a recording that shows that it did not run.
+
+    Only where its model leaves that open: between the temperatures of its stop and its start.
+
+    Args:
+        recordings: By the model with this fan and the drives of these recordings.
+        source: Where the data come from.
+    """
+    found: list[float] = []
+    for part in recordings:
+        cabinet = part.model.cabinet
+        warmest = np.fmax.reduce(part.power.motor_temperature_degc, axis=1)
+        known = warmest[np.isfinite(warmest)][:1]
+        open_at = FanStage(cabinet).step(known[:, None]) if _usable(part) else 0.0
+        if np.any(open_at):
+            rests = _rests(part)
+            constant = cabinet.loss_dc.value + cabinet.loss_grid.value
+            if stands(rests, fan, constant):
+                found.append(float(known[0]))
+    if not found:
+        return fan
+    begins = Figure(value=max(found), tag="identified", source=source)
+    return fan.model_copy(update={"begins_off_to_degc": begins})
+
+
+def stands(rests: Rests, fan: CabinetFan, constant: float) -> bool:
+    """Return whether rests before any start show that a fan does not run.
+
+    Args:
+        constant: Of the cabinet without it. [W]
+    """
+    start = fan.on_above_degc
+    before = rests.warmest_degc <= start.value - NOT_YET * (start.std or 0.0)
+    power = rests.power[before]
+    if len(power) < AROUND:
+        return False
+    middle = float(np.median(power))
+    scatter = MEDIAN_TO_STD * float(np.median(np.abs(power - middle))) / len(power) ** 0.5
+    return middle - constant + SURE * scatter < 0.5 * fan.power.value
+
+
 def find_fan(recordings: Sequence[Recording]) -> FanFit:
     """Return the fan that a step in the power at rest shows.
 
@@ -252,7 +323,7 @@ def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
     Args:
         thermometer: Deviation between those of two motors; another one may be warmest later. [K]
     """
-    recordings = [part.warming for part in recordings]  # a fan stops while motors cool
+    recordings = [part.fed_by_grid.warming for part in recordings]  # a fan stops while motors cool
     steps = [(part.step(first), part, first) for part in recordings for first in part.places]
     if not steps:
         least = min((part.least for part in recordings), default=LEAST)

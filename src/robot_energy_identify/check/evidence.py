@@ -135,7 +135,7 @@ def remarks_of(result: Replay) -> Remarks:
         if result.temperatures.topics
         else None,
         tuple(name for name, is_so in stuck if is_so),
-        tuple(result.account.judgement.findings(result.account.comparison)),
+        tuple(result.account.judgement.findings(result.account.comparison, ended=True)),
         result.pipeline.torque.effort_check.factors(),
         tuple(result.joint_states.stream_findings()),
         {

@@ -87,10 +87,7 @@ def check(
     inputs: Inputs | None = None,
     time_range: TimeRange | None = None,
 ) -> CheckResult:
-    """Return whether a recording fits a model, and what is wrong if not, errors first.
-
-    Memory does not grow with the recording.
-    """
+    """Return whether a recording of any length fits a model, and what is wrong, errors first."""
     return check_together([path], model, effort, inputs, time_range)[0]
 
 

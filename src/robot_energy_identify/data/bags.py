@@ -228,10 +228,7 @@ def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
 
 
 def motion_time(recordings: Sequence[Recording], bags: int) -> float:
-    """Return how much of each bag the dynamics are fitted to. [s]
-
-    `MAX_MOTION_TIME` of all together: an equal share of each where they last longer.
-    """
+    """Return how much of each bag the dynamics see: an equal share of `MAX_MOTION_TIME`. [s]"""
     total = sum(end - start for start, end in (part.span_ns for part in recordings)) * NANOSECOND
     return MAX_MOTION_TIME / bags if total > MAX_MOTION_TIME else np.inf
 

@@ -6,6 +6,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robot_energy.certainty.priors import figure_std
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
@@ -24,16 +27,18 @@ from robot_energy_identify.drives.efficiency_map import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import (
     BY_LEVELS,
+    HeldOutPowers,
     TotalFit,
-    compare_total,
     fan_share,
     fit_total,
+    held_out_powers,
     with_total,
 )
-from robot_energy_identify.drives.total_sums import Sums, sums
+from robot_energy_identify.drives.total_sums import MIN_READINGS, Sums, resting, sums
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.stats.lag import Delay, applied
 
+IDENTIFIED = "identified"
 AGREES = 2.0  # deviations between the power of a fan by its step and by all readings
 
 
@@ -54,9 +59,11 @@ class TotalFound(Described):
         float | None,
         "Of the fan that a step in these recordings shows, by all readings; None without one. [W]",
     ] = None
-    without_fan: Annotated[
-        EnergyScore | None, "Score of identified losses without that fan; None without one."
-    ] = None
+    fan_test: Annotated[
+        tuple[tuple[EnergyScore, EnergyScore], ...],
+        "Scores of identified losses with that fan and without it: of all readings, and of those "
+        "at rest; empty without a fan.",
+    ] = ()
 
 
 class DrivesFound(Described):
@@ -127,15 +134,18 @@ def find_drives(
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
         fit = fit_total(pieces)
-        fan_power = without = None
+        fan_power, whole = None, None
         if model is not None and pieces.fan is not None and _found_here(model, source):
             pieces, fan_power = _with_fan_fitted(pieces, fit, model)
             fit = fit_total(pieces)
             assert pieces.fan is not None
             whole = replace(pieces, measured=pieces.measured + pieces.fan, fan=None)
-            without = compare_total(whole, None)[1].get("identified")
+        found = held_out_powers(pieces, model, fit)
+        tested = ()
+        if model is not None and whole is not None:
+            tested = fan_test(found, held_out_powers(whole, None), resting(pieces, model))
         total = TotalFound(
-            pieces, fit, *compare_total(pieces, model, fit), lag, low_pass, fan_power, without
+            pieces, fit, found.kind, found.scores(), lag, low_pass, fan_power, tested
         )
     if drives is None and total is None:
         raise NotIdentifiableError(
@@ -152,6 +162,22 @@ def _found_here(model: RobotModel, source: str) -> bool:
     if fan is None or fan.power.tag != "identified" or not source:
         return False
     return fan.power.source in (source, BY_LEVELS + source)
+
+
+def fan_test(
+    new: HeldOutPowers, old: HeldOutPowers, rest: NDArray[np.bool_]
+) -> tuple[tuple[EnergyScore, EnergyScore], ...]:
+    """Return scores with a fan and without it: of all readings, and of enough at rest.
+
+    Args:
+        rest: Readings at rest, where errors of motion hide no fan, shape (K,).
+    """
+    if IDENTIFIED not in new.ways or IDENTIFIED not in old.ways:
+        return ()
+    scores = [(new.score(IDENTIFIED), old.score(IDENTIFIED))]
+    if rest.sum() >= MIN_READINGS:
+        scores.append((new.score(IDENTIFIED, rest), old.score(IDENTIFIED, rest)))
+    return tuple(scores)
 
 
 def _with_fan_fitted(pieces: Sums, fit: TotalFit, model: RobotModel) -> tuple[Sums, float]:

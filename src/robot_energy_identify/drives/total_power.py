@@ -15,6 +15,7 @@ from itertools import combinations
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
@@ -216,10 +217,42 @@ def predict(data: Sums, fit: TotalFit) -> Float:
     return shaft + fit.constant + np.einsum("krj,rj->k", data.terms, fit.coefficients)
 
 
-@one_thread
+class HeldOutPowers(Described):
+    """What the meter would read, each fold predicted from the others."""
+
+    kind: Kind
+    fold: Annotated[Int, "Of each reading, shape (K,)."]
+    ways: Annotated[dict[str, Float], "With the fan, by way, shape (K,). [W]"]
+    measured: Annotated[Float, "Shape (K,). [W]"]
+    duration: Annotated[Float, "Shape (K,). [s]"]
+
+    def scores(self) -> dict[str, EnergyScore]:
+        """Return the score of each way."""
+        shown = ("constant", "shaft", "given", *STRUCTURES[1:], "identified", "drives_measured")
+        return {name: self.score(name) for name in shown if name in self.ways}
+
+    def score(self, name: str, rows: slice | NDArray[np.bool_] = slice(None)) -> EnergyScore:
+        """Return the score of one way.
+
+        Args:
+            rows: Readings that count, shape (K,).
+        """
+        measured, duration = self.measured[rows], self.duration[rows]
+        return energy_score(self.ways[name][rows], measured, duration, self.fold[rows])
+
+
 def compare_total(
     data: Sums, model: RobotModel | None, fit: TotalFit | None = None
 ) -> tuple[Kind, dict[str, EnergyScore]]:
+    """Return the kind and the scores of `held_out_powers`, whose arguments it takes."""
+    found = held_out_powers(data, model, fit)
+    return found.kind, found.scores()
+
+
+@one_thread
+def held_out_powers(
+    data: Sums, model: RobotModel | None, fit: TotalFit | None = None
+) -> HeldOutPowers:
     """Predict whole recordings, or blocks of the only one, from the others.
 
     Args:
@@ -227,8 +260,7 @@ def compare_total(
         model: Model whose prediction as given is among the ways; None for none.
 
     Returns:
-        ``recordings`` or ``blocks``, and the scores by way. ``identified`` chooses its
-        structure without the held-out data.
+        ``identified`` chooses its structure without the held-out data.
     """
     kind, fold = recordings_or_blocks(data.recording)
     predicted: dict[Structure, Float] = {}
@@ -255,13 +287,8 @@ def compare_total(
             fold, lambda train, test: np.full(int(test.sum()), np.median(rest[train]))
         )
     fan = 0.0 if data.fan is None else data.fan  # scores are of the whole power
-    shown = ("constant", "shaft", "given", *STRUCTURES[1:], "identified", "drives_measured")
-    scores = {
-        name: energy_score(ways[name] + fan, data.measured + fan, data.duration, fold)
-        for name in shown
-        if name in ways
-    }
-    return kind, scores
+    whole = {name: power + fan for name, power in ways.items()}
+    return HeldOutPowers(kind, fold, whole, data.measured + fan, data.duration)
 
 
 def _chosen_in_folds(data: Sums, fold: Int, predicted: dict[Structure, Float]) -> Float:

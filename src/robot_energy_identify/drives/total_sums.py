@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.thinned import few
@@ -137,6 +138,12 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         fan=fan,
     )
     return found.rows(few(len(found)))
+
+
+def resting(data: Sums, model: RobotModel) -> NDArray[np.bool_]:
+    """Return the pieces in which no motor moves, shape (K,)."""
+    speed = data.terms[:, COEFFICIENTS.index("linear")]
+    return np.asarray((speed <= motor_standstill(model)).all(axis=1))
 
 
 def _columns(data: DriveData, model: RobotModel | None) -> Float:

@@ -87,10 +87,7 @@ def predict_held_out(
 
 
 def folds_of(observations: Observations) -> Int:
-    """Return the fold of each row, shape (N,).
-
-    Rows that are compared are shared out evenly; the others go with their neighbours.
-    """
+    """Return the fold of each row, shape (N,); what is not compared goes with its neighbours."""
     place = np.cumsum(observations.compared) - 1
     count = int(observations.compared.sum())
     return contiguous_folds(count)[np.clip(place, 0, count - 1)]

@@ -23,6 +23,7 @@ from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import MIN_RANGE
 from robot_energy_identify.friction.temperature_study import Study
+from robot_energy_identify.friction.torque_constants import FallingConstant
 from robot_energy_identify.friction_and_thermal import FrictionFound, ThermalFound
 from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
 from robot_energy_identify.run_all import FullIdentification
@@ -187,6 +188,9 @@ class FrictionReport(Result, name="friction"):
     apart: Annotated[
         Texts, "Recordings of other friction, or without temperatures, one sentence each."
     ] = ()
+    falls: Annotated[
+        tuple[FallingConstant, ...], "Torque constants that fall with the motor temperature."
+    ] = ()
 
     @property
     def torque_unit(self) -> str:
@@ -196,7 +200,9 @@ class FrictionReport(Result, name="friction"):
 
 def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
     """Return the friction of every axis."""
-    return FrictionReport(effort, found.fits, found.refused, found.gears, found.hold, found.apart)
+    return FrictionReport(
+        effort, found.fits, found.refused, found.gears, found.hold, found.apart, found.falls
+    )
 
 
 class AxisStudy(Result):

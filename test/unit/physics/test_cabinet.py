@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_energy.model import load
+from robot_energy.model.figure import Figure
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage
 from robots import figure
@@ -138,6 +139,25 @@ def test_at_the_first_temperature_half_of_the_fans_between_stop_and_start_run():
     unknown = np.full((1, 1), np.nan)
     np.testing.assert_allclose(stage.step(unknown), 15.0)
     np.testing.assert_allclose(stage.step(np.array([[42.0], [42.0], [43.5]])), [12.5, 12.5, 12.5])
+
+
+def test_up_to_the_begin_of_a_recording_without_it_a_fan_does_not_run_at_first():
+    """At 42 degC none runs. From 42.5 degC on half between stop and start run: 1/2 (11/12 + 1/12).
+
+    Later it stays as it was between the two, wherever recordings began.
+    """
+    cabinet = cabinet_with_fan(std=3.0 / np.sqrt(3.0))
+    begins = Figure(value=42.0, tag="identified")
+    fan = cabinet.fan.model_copy(update={"begins_off_to_degc": begins})
+    known = cabinet.model_copy(update={"fan": fan})
+    for degc, of_known, of_unknown in ((42.0, 0.0, 12.5), (42.5, 15.0, 15.0), (30.0, 0.0, 0.0)):
+        assert FanStage(known).step(np.array([[degc]])) == pytest.approx(of_known)
+        assert FanStage(cabinet).step(np.array([[degc]])) == pytest.approx(of_unknown)
+    stage = FanStage(known)
+    np.testing.assert_allclose(stage.step(np.array([[42.0], [50.0], [42.0]])), [0.0, 30.0, 25.0])
+    without = cabinet.fan.model_dump_json()
+    assert "begins_off" not in without
+    assert "begins_off" in fan.model_dump_json()
 
 
 def test_above_its_start_a_fan_runs_even_if_its_hysteresis_is_smaller_than_the_deviation_of_that():

@@ -8,8 +8,9 @@ import pytest
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
+from robot_energy.model.schema import CabinetFan
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
-from robot_energy_identify.cabinet.fan import Rests, fan_of
+from robot_energy_identify.cabinet.fan import Rests, fan_of, stands
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
@@ -61,6 +62,36 @@ def test_the_deviation_of_a_step_is_that_of_its_scatter():
     scores = np.array([(one.power - 30.0) / one.std for one in draws])
     assert scores.std() == pytest.approx(1.0, abs=0.1)
     assert abs(scores.mean()) < 0.2
+
+
+def test_rests_that_the_dc_link_feeds_do_not_count():
+    """Every seventh rest comes after hard braking, and the meter shows up to 90 W less."""
+    known = rests(30.0, 1.0)
+    fed = np.arange(COUNT) % 7 == 3
+    less = np.random.default_rng(2).uniform(40.0, 90.0, COUNT) * fed
+    found = fan_of([replace(known, power=known.power - less)], 1.5)
+    assert found.power == pytest.approx(30.0, abs=1.5)
+    assert found.std < 1.0
+    assert found.rests == 48 + (~fed[FIRST:]).sum()
+
+
+def test_a_recording_that_begins_between_stop_and_start_shows_a_fan_that_stands():
+    """100 W are the constants; 30 W of a fan would be in rests at 40 degC, below 44 - 1.4."""
+    known = {"tag": "identified", "std": 1.0}
+    fan = CabinetFan.model_validate(
+        {"power": {"value": 30.0, **known}, "on_above_degc": {"value": 44.0, **known}}
+    )
+
+    def begun(power, count=20, degc=40.0):
+        noise = np.random.default_rng(3).normal(0.0, 2.0, count)
+        same = np.full(count, degc)
+        return Rests(4.0 * np.arange(count), power + noise, same, np.zeros((count, 3)), 0.0 * same)
+
+    assert stands(begun(103.0), fan, 100.0)
+    assert not stands(begun(127.0), fan, 100.0)
+    assert not stands(begun(115.0), fan, 100.0)  # neither is sure
+    assert not stands(begun(103.0, 5), fan, 100.0)
+    assert not stands(begun(103.0, degc=43.0), fan, 100.0)  # it may have started
 
 
 @pytest.mark.parametrize(
@@ -125,16 +156,17 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
 
     old = EnergyScore(20.0, 0.03, 0.05)
 
-    def reason(rms, energy, old=old):
-        scores = {"identified": EnergyScore(rms, energy, energy)} if rms else {}
-        total = SimpleNamespace(without_fan=old, scores=scores)
+    def reason(rms, energy, *at_rest):
+        test = [(EnergyScore(rms, energy, energy), old)] if rms else []
+        total = SimpleNamespace(fan_test=[*test, *at_rest])
         return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
 
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
     assert "6.0 % off and 15 W" in reason(15.0, 0.06)
+    assert reason(19.9, 0.02, (EnergyScore(3.0, 0.01, 0.01), EnergyScore(5.0, 0.02, 0.02))) == ""
+    assert "and 19.9 W" in reason(19.9, 0.02, (old, old))
     assert "cannot be tested" in reason(None, 0.02)
-    assert "cannot be tested" in reason(15.0, 0.02, None)
     assert "cannot be tested" in fan_refused(Step("drives", None, "too few readings", load("kr16")))
 
 

@@ -12,16 +12,18 @@ from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.drives.all_drives import find_drives
+from robot_energy_identify.drives.all_drives import fan_test, find_drives
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
 from robot_energy_identify.drives.total_power import (
     STRUCTURES,
     compare_total,
     fit_structure,
     fit_total,
+    held_out_powers,
+    predict,
     with_total,
 )
-from robot_energy_identify.drives.total_sums import sums
+from robot_energy_identify.drives.total_sums import resting, sums
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
 from robot_energy_rig.record import record
@@ -102,7 +104,7 @@ def test_the_power_of_a_fan_is_that_of_all_readings_unless_its_step_contradicts_
     if expected == 60.0:
         without = find_drives(data, MODEL, "bags", in_time=True).total.fit
         assert found.total.fit.constant == pytest.approx(without.constant, abs=3.0)
-        assert found.total.scores["identified"].rms < found.total.without_fan.rms
+        assert all(new.rms < old.rms for new, old in found.total.fan_test)
 
 
 @pytest.mark.parametrize(("tag", "source"), [("assumed", "bags"), ("identified", "others")])
@@ -110,7 +112,27 @@ def test_a_fan_of_another_source_stays_as_given(data, tag, source):
     seen, model = seen_with_fan(data, 50.0), fan_of(50.0, 10.0, tag, source)
     found = find_drives(seen, model, "bags", in_time=True)
     assert found.write(model, "bags")[0].cabinet.fan == model.cabinet.fan
-    assert found.total.without_fan is None
+    assert found.total.fan_test == ()
+
+
+def test_a_fan_that_is_small_next_to_the_errors_of_motion_is_seen_at_rest(data):
+    """12 W in half of the blocks, errors of 3 W at rest and of 150 W in motion."""
+    one, random = sums(data, MODEL), np.random.default_rng(0)
+    rest = resting(one, MODEL)
+    assert np.abs(one.shaft[rest]).max() < 10.0 < np.median(np.abs(one.shaft))
+    more = np.sort(np.append(np.arange(len(one)), np.repeat(np.flatnonzero(rest), 20)))
+    one, rest, power = one.rows(more), rest[more], predict(one, fit_total(one))[more]
+    fan = 12.0 * (one.block % 2)
+    power = power + random.normal(0.0, np.where(rest, 3.0, 150.0))
+    without = held_out_powers(replace(one, measured=power + fan), None)
+    known = held_out_powers(replace(one, measured=power, fan=fan), None)
+    (new, old), (new_at_rest, old_at_rest) = fan_test(known, without, rest)
+    assert not new.beats(old)
+    assert new_at_rest.beats(old_at_rest)
+    wrong = held_out_powers(replace(one, measured=power - fan, fan=fan), None)
+    without = held_out_powers(replace(one, measured=power), None)
+    assert not any(new.beats(old) for new, old in fan_test(wrong, without, rest))
+    assert len(fan_test(wrong, without, rest & (np.cumsum(rest) < 20))) == 1
 
 
 def test_energies_are_compared_with_those_of_the_whole_reading(data):
