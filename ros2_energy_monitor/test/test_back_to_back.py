@@ -167,7 +167,7 @@ def test_three_nodes_give_the_figures_of_the_study_of_paper_a(bench, study, kind
     assert np.array_equal(power.account.registers.microjoule, expected.registers.microjoule)
     assert power.account.registers.time == expected.registers.time
     assert books.predicted_energy == expected.comparison.predicted_energy
-    assert books.predicted_energy == row.predicted[kind]
+    assert books.predicted_energy == row.predicted_energy[kind]
     assert books.measured_energy == row.measured_energy
     error = books.predicted_energy / books.measured_energy - 1.0
     assert abs(error) < 0.055 if kind == FOLLOWS else error > 0.3

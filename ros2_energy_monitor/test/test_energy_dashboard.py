@@ -112,7 +112,7 @@ def test_the_history_that_is_recorded_is_shown(bench: Any, tmp_path: Path) -> No
 def test_figures_job_intervals_and_reset(
     bench: Any, token_file: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(web_app, "BODY_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(web_app, "PATIENCE", PATIENCE)
     bench.add(VirtualRobot)
     bench.add(EnergyMonitor, model="kr16")
     page = bench.add(EnergyDashboard, port=0, allow_control=True, token_file=token_file)

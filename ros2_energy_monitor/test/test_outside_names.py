@@ -109,7 +109,7 @@ def test_an_interval_name_forges_no_line_of_the_log(bench, capfd, monkeypatch):
         lambda: None,
     )
     response = OpenInterval.Response()
-    services._change(response, lambda: f"interval 1 '{NASTY}' is open")
+    services._change(lambda *_: f"interval 1 '{NASTY}' is open", None, response)
     services._send(lambda *_: None, "open_interval", response, None)
     assert response.message.startswith("interval 1 'a\\x1b[2J")
     assert not unsafe(response.message + capfd.readouterr().err)

@@ -34,7 +34,6 @@ def _layouts(args: Namespace) -> int:
 
 LAYOUTS = Command.of(_layouts.__doc__, _layouts, LAYOUTS_OPTIONS)
 
-
 AS_THEY_ARE = ("alert_rules.yaml", "grafana.json", "grafana_history.json")
 MONITORING_OPTIONS: Options = {
     "--out FOLDER": ("folder for the four files", REQUIRED),

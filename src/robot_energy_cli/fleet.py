@@ -42,7 +42,6 @@ SHOWN = 10  # reasons, and damaged bags
 PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
 LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
 
-
 RUN_OPTIONS: Options = {
     "bags FOLDER|PATTERN|CSV": "where the bags are",
     "--out DATASET": ("folder of the dataset", REQUIRED),
@@ -282,7 +281,6 @@ IDENTIFY_OPTIONS: Options = {
     **result_options("this friction", "write the laws over temperature as a figure"),
 }
 IDENTIFY = Command.of(_identify.__doc__, _identify, IDENTIFY_OPTIONS)
-
 
 ADVISE_OPTIONS: Options = {
     "recordings BAG|DATASET": (f"{BAG}; or the folder that `fleet run` wrote", LIST),

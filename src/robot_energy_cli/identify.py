@@ -87,7 +87,6 @@ def _check_all(args: Namespace) -> None:
 
 ALL = Command.of(_all.__doc__, _all, ALL_OPTIONS)
 
-
 SHUFFLES = 20
 
 

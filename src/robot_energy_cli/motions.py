@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
@@ -91,9 +90,7 @@ def _tool_options(args: Namespace, base: str | None, start: str | None) -> ToolO
 
 
 MAX_RUNS = 100
-MIN_PROGRESS_SAMPLES = 200_000  # samples of a prediction that takes more than a moment
 SEVERAL_REQUIRED: dict[str, Any] = {"required": True, "action": "append"}
-
 
 PREDICT_OPTIONS: Options = {
     "program PROGRAM": ("program of motion", LIST),
@@ -180,7 +177,7 @@ def _predictions(args: Namespace) -> list[PredictionResult]:
                 degc = joint_list(text, "--temperature", sorted({1, robot.n_joints}))
                 plans.append((motion, model, degc, repeat))
     most = MAX_SAMPLES if args.max_samples is None else args.max_samples
-    _say_length([(motion, repeat) for motion, _, _, repeat in plans], most)
+    _refuse_length([(motion, repeat) for motion, _, _, repeat in plans], most)
     options: Any = {
         "payload": [] if args.payload is None else [_payload(args.payload)],
         "auxiliary": dict(_load_state(text) for text in args.auxiliary),
@@ -201,20 +198,17 @@ def _load_state(text: str) -> tuple[str, str]:
     return name, state
 
 
-def _say_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
+def _refuse_length(plans: Sequence[tuple[LoadedMotion, int]], most: int) -> None:
     from robot_energy_plan.prediction import planned_samples
 
     samples = sum(planned_samples(plan.motion, repeat) for plan, repeat in plans)
     duration = sum(plan.motion.duration * repeat for plan, repeat in plans)
-    what = f"{samples} samples over {duration:.6g} s of motion"
     if samples > most:
         raise MotionError(
-            f"the prediction has {what}",
+            f"the prediction has {samples} samples over {duration:.6g} s of motion",
             f"at most {most} samples",
             f"predict less, or allow more with --max-samples {samples}",
         )
-    if samples > MIN_PROGRESS_SAMPLES:
-        print(f"predicting {what}", file=sys.stderr)
 
 
 def _per_model(values: Sequence[str] | None, count: int, option: str) -> list[str | None]:
@@ -251,7 +245,6 @@ def _payload(text: str) -> Payload:
 
 
 PREDICT = Command.of(_predict.__doc__, _predict, PREDICT_OPTIONS)
-
 
 OPTIMIZE_OPTIONS: Options = {
     "program PROGRAM|BAG": "YAML of point-to-point moves, G-code, a JointTrajectory as CSV or in a "
@@ -326,7 +319,6 @@ def _temperature(text: str | None) -> float | tuple[float, float] | None:
 
 
 OPTIMIZE = Command.of(_optimize.__doc__, _optimize, OPTIMIZE_OPTIONS)
-
 
 SHARED_BUS_OPTIONS: Options = {
     "motions BAG|PROGRAM": (

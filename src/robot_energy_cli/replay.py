@@ -156,7 +156,7 @@ def replayed(
     curves: bool,
     written: dict[str, Any],
 ) -> Replay:
-    """Replay a bag with what was typed; each output goes to all of ``take``."""
+    """Return the replay of a bag with what was typed; each output goes to all of ``take``."""
     from robot_energy.replay.bag_replay import replay
     from robot_energy.replay.setup import ReplaySetup
 

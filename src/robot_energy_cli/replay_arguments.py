@@ -49,7 +49,6 @@ PAGE: Options = {
     **PAGE_SETTINGS,
 }
 
-
 READING: Options = {  # how bags are read, without their robot
     title: flags(ReplayOptions, title) for title in (TOPICS, SETTINGS, PART)
 }

@@ -31,7 +31,6 @@ RATE = 250.0  # Hz
 ROBOTS = ("kr16", "mantis", "testbed", "irb4600")
 TOOL, MIN_HEIGHT = "tool0", 0.2  # m: the random program stays above the floor
 
-
 OPTIONS: Options = {
     "--robot NAME": (
         f"plant: {', '.join(ROBOTS)}; with --plant-seed any model (default kr16)",

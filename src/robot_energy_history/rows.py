@@ -46,12 +46,9 @@ JOINTS = {
 
 
 def attempt(connection: sqlite3.Connection, work: Callable[[], T]) -> T | None:
-    """Do work on the tables, or none of it where they cannot hold a value.
+    """Return what work on the tables does; None, with none of it, where they cannot hold a value.
 
     So what one robot sends keeps no other from being written. A failing disk refuses nothing.
-
-    Returns:
-        What the work does; None where it was refused.
     """
     connection.execute("SAVEPOINT attempt")
     try:

@@ -137,10 +137,7 @@ def own_readings(recording: LoadRecording, load: AuxiliaryLoad) -> StateReadings
 def outlet_readings(
     recording: Recording, loads: Sequence[AuxiliaryLoad], held: LoadRecording
 ) -> StateReadings:
-    """Return what a meter of the outlet shows on top of the cabinet while the robot stands still.
-
-    Loads with a meter of their own are taken off by it.
-    """
+    """Return what an outlet shows on top of cabinet and metered loads while the robot stands."""
     if recording.meter is None:
         raise NotIdentifiableError(
             f"{recording.path.name} has no power meter", "a meter of the outlet"
@@ -280,7 +277,6 @@ def fit_outlet(
 
 
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
-    """Return a model with the identified powers that are used."""
     found: dict[str, dict[str, PositiveFigure]] = {}
     for one in (state for fit in fits if fit.used for state in fit.states):
         found.setdefault(one.load, {})[one.state] = identified(one.power, one.std, source)

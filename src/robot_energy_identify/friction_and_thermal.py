@@ -18,6 +18,12 @@ from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
 from robot_energy_identify.friction.samples import friction_data
 from robot_energy_identify.friction.shared_shape import share_shape
+from robot_energy_identify.friction.torque_constants import (
+    FallingConstant,
+    at_shaft,
+    find_falls,
+    with_falls,
+)
 from robot_energy_identify.plausibility import check_friction
 from robot_energy_identify.thermal.gear import GearsFound, fit_gears
 from robot_energy_identify.thermal.gears_by_meter import gears_by_meter
@@ -46,11 +52,15 @@ class FrictionFound(Described):
         "Recordings whose friction is not that of the others, or that lack temperatures others "
         "have, one sentence each.",
     ] = ()
+    falls: Annotated[
+        tuple[FallingConstant, ...], "Torque constants that fall with the motor temperature."
+    ] = ()
 
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with this friction, which follows gears where they were found."""
         names = [fit.name for fit in self.fits]
-        written = self.gears.write(with_friction(model, self.fits, source), names)
+        written = with_falls(with_friction(model, self.fits, source), self.falls)
+        written = self.gears.write(written, names)
         return written if self.hold is None else self.hold.write(written, source)
 
 
@@ -62,7 +72,13 @@ def find_friction(
     Args:
         share: Whether axes of too small a range borrow the temperature shape of others.
     """
-    axes = [friction_data(recordings, joint) for joint in range(len(model.joints))]
+    joints = range(len(model.joints))
+    axes = [friction_data(recordings, joint) for joint in joints]
+    falls = find_falls(recordings, axes, source)
+    if falls:
+        model = with_falls(model, falls)
+        recordings = at_shaft(recordings, model)
+        axes = [friction_data(recordings, joint) for joint in joints]
     air = model.temperature.ambient_degc
     gears, axes = fit_gears(axes, None if air is None else air.value, source)
     fits, refused = fit_axes(axes, source)
@@ -73,7 +89,7 @@ def find_friction(
     names = [part.path.name for part in recordings]
     apart = recordings_apart(names, axes, fits, model)
     apart += recordings_without_temperature(recordings)
-    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold, apart)
+    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold, apart, falls)
 
 
 class ThermalFound(Described):

@@ -194,7 +194,7 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
     problems = [_sentence(one) for one in found if one.cause == STAMPS_UNEVEN]
     if (result := recording.replay) is not None:
         problems += [one.sentence for one in result.joint_states.findings()]
-        problems.append(result.meter.refused)
+        problems += [result.meter.refused, *remarks_of(result).meter]
     return tuple(f"{recording.path.name}: {one}" for one in problems if one)
 
 

@@ -25,7 +25,12 @@ from robot_energy.model.drive_models import EfficiencyMap, LossMap
 from robot_energy.physics.drives_and_cabinet import Drive, EfficiencyMaps, LossMaps, LossModel
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drive_data import drive_data
-from robot_energy_identify.drives.drives import CONSTANT_EFFICIENCY, DrivesFit, Way, fit_drives
+from robot_energy_identify.drives.drives import (
+    CONSTANT_EFFICIENCY,
+    DrivesFit,
+    Way,
+    fit_drives,
+)
 from robot_energy_identify.drives.efficiency_map import (
     CUTOFF,
     POINTS,

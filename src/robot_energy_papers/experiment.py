@@ -16,7 +16,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import MotionError
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_plan.motion import (
     JointMotion,
@@ -44,7 +43,6 @@ REST = 600.0  # s between two sets while the robot cools
 TEST, HOLD, TRAIN_HEAT, TEST_HEAT = 1, 2, 3, 4  # seeds of the other programs
 SEED_STEP = 1000  # between the seeds of two studies
 FIRST_SEED = 11
-JOIN_TOLERANCE = 1e-6  # rad or m between the parts of a sequence
 
 
 class Programs(Described):
@@ -106,17 +104,6 @@ class Sequence:
         self.begin: Float = np.concatenate([[0.0], np.cumsum(times)[:-1]])  # of each part [s]
         self.duration = float(times.sum())
         self.n_joints = self._motions[0].n_joints
-        for index in range(1, len(parts)):
-            here = self._motions[index - 1].sample(times[index - 1 : index])
-            there = self._motions[index].sample(np.zeros(1))
-            apart = np.abs(there.joint_position - here.joint_position).max()
-            speed = max(np.abs(here.joint_velocity).max(), np.abs(there.joint_velocity).max())
-            if max(apart, speed) > JOIN_TOLERANCE:
-                raise MotionError(
-                    f"part {index + 1} begins {apart:.3g} rad from the end of part {index}, at "
-                    f"{speed:.3g} rad/s",
-                    "parts that end at rest where the next one begins",
-                )
 
     def sample(self, time: Float) -> Trajectory:
         """Return the motion, joint side.

@@ -25,7 +25,12 @@ from robot_energy_identify.dynamics.torque_model import standard_columns
 from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
 from robot_energy_identify.excitation.limits import ExcitationLimits
 from robot_energy_papers.experiment import LEAD
-from robot_energy_plan.motion import FourierBasis, FourierMotion, JointMotion, Trajectory
+from robot_energy_plan.motion import (
+    FourierBasis,
+    FourierMotion,
+    JointMotion,
+    Trajectory,
+)
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig
 from robot_energy_rig.record import record
 

@@ -14,7 +14,7 @@ from typing import Annotated, TypeVar
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import NotIdentifiableError, RigError
+from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import ModelEntry, PositiveFigure
 from robot_energy.model.friction_laws import ConstantLaw, ExponentialLaw
@@ -253,8 +253,6 @@ def _row(entry: MotionSet, models: Mapping[str, RobotModel], reference: str) -> 
     for name, model in models.items():
         result = replay(entry.path, model)
         comparison = result.account.comparison
-        if not comparison.measured_energy > 0:
-            raise RigError(f"in {entry.path} the meter covers nothing", "readings during the set")
         predicted[name] = comparison.predicted_energy
         if name == reference:
             measured = comparison.measured_energy

@@ -35,7 +35,10 @@ BOLD = "**"
 
 
 def document(
-    template: str, context: Mapping[str, Any], pieces: Mapping[str, Piece], package: str = PAPERS
+    template: str,
+    context: Mapping[str, Any],
+    pieces: Mapping[str, Piece],
+    package: str = PAPERS,
 ) -> Document:
     """Return a page."""
     title, lead, *blocks = _blocks(template, context, package)

@@ -14,7 +14,6 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import RigError
 from robot_energy.model import RobotModel, load
 from robot_energy.timeline.blocks import Float
 from robot_energy_papers.calibration import (
@@ -354,8 +353,7 @@ def _record_training(
         profile, programs.train, programs.train_warm_up, scale.train, folder, "train", rig,
         programs.hold,
     )  # fmt: skip
-    if rest is None:
-        raise RigError("the experiment recorded no rest", "a program that holds")
+    assert rest is not None
     return sets, rest
 
 

@@ -22,7 +22,14 @@ from robot_energy_papers.drawings import (
     shaft_power_over_temperature,
 )
 from robot_energy_papers.experiment import MOVES
-from robot_energy_papers.models import CAPACITOR, FIXED_DEGC, FOLLOWS, fixed_name, normalised, worst
+from robot_energy_papers.models import (
+    CAPACITOR,
+    FIXED_DEGC,
+    FOLLOWS,
+    fixed_name,
+    normalised,
+    worst,
+)
 from robot_energy_papers.pages import Piece
 from robot_energy_papers.paper_a import HOLD, POWER_DEGC, REFERENCE_DEGC, RISE, PaperA
 from robot_energy_papers.soaked_rigs import (

@@ -14,7 +14,14 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.drives.drives import Way
-from robot_energy_papers.drawings import GREY, FigureLine, bars, by_column, over_time, stacked
+from robot_energy_papers.drawings import (
+    GREY,
+    FigureLine,
+    bars,
+    by_column,
+    over_time,
+    stacked,
+)
 from robot_energy_papers.drive_study import PAPER, WAY_NAMES, DriveTest
 from robot_energy_papers.machines import ARM, MACHINES, PARTS, Energies
 from robot_energy_papers.pages import Piece, hundred

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
@@ -81,12 +80,12 @@ def level_starts(power: Sequence[Float], cycle_time: float, figure: Figure = pea
         power: Of each robot over one cycle, at equal steps, all of one length, shape (N,). [W]
         cycle_time: Of all. [s]
     """
+    from scipy.linalg import circulant
+
     curves = np.stack(power)
     count, size = curves.shape
-    shifted = [  # row k of each: the power when the robot starts k samples later
-        sliding_window_view(np.concatenate([one, one]), size)[:size][(-np.arange(size)) % size]
-        for one in curves
-    ]
+    # row k of each: the power when the robot starts k samples later
+    shifted = [circulant(one[-np.arange(size)]) for one in curves]
     random = np.random.default_rng(SEED)
     best = np.zeros(count, dtype=np.int64)
     least = together = float(figure(curves.sum(axis=0)))

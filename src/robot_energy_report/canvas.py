@@ -20,7 +20,6 @@ from robot_energy_report.formats import typeset
 
 Axes = Any  # the annotations of matplotlib are partly unknown
 Target = str | Path | BytesIO  # a file, or a buffer for SVG
-
 # Colours are those of page.css, as it is in the light.
 COLOURS = {"measured": "#b4470b", "predicted": "#0b5cad", "fixed": "#7a3fc4"}
 PART_COLOURS = {
@@ -57,13 +56,10 @@ STYLE = {
 
 @contextmanager
 def canvas(path: Target, size: tuple[float, float], title: str = "") -> Generator[Any, None, None]:
-    """Open a figure, and save it when all is drawn: whole, or not at all after an error.
+    """Yield a figure that fits itself to what is drawn, saved whole at the end, not after an error.
 
     Args:
         size: Width and height. [inch]
-
-    Yields:
-        The figure, whose layout fits itself to what is drawn.
     """
     if not isinstance(path, BytesIO):
         check_format(Path(path))

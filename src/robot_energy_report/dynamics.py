@@ -114,40 +114,37 @@ def _torque_errors(
 
 
 def _friction(page: Document, result: Dynamics, reference: ReferenceValues | None) -> None:
-    friction = friction_at_joints(result)
+    friction, labels = friction_at_joints(result), result.fit.names
     columns = ["joint"]
     for kind in ("viscous", "Coulomb"):
         columns += [kind, "known", "off by"] if reference is not None else [kind]
-    rows: list[list[str]] = []
-    worst = 0.0
+    rows, motors, shares = list[list[str]](), list[list[str]](), [0.0]
     for joint, name in enumerate(result.model.joint_names):
-        row = [name]
+        row, motor = [name], [f"{name}, motor"]
         for kind in ("viscous", "coulomb"):
             value, std = (float(part[joint]) for part in friction[kind])
             row.append(uncertain(value, std))
+            if f"joint_coulomb {name}" in labels:  # its motor turns with another joint too
+                place = labels.index(f"{kind} {name}")
+                own = float(result.fit.values[place]), float(result.fit.std[place])
+                motor.append(uncertain(*own))
             if reference is not None:
                 known = float(getattr(reference, kind)[joint])
-                share = value / known - 1.0 if known else float("nan")
-                worst = max(worst, abs(share))
-                row += [f"{known:.3g}", signed_percent(share)]
+                shares.append(value / known - 1.0 if known else float("nan"))
+                row += [f"{known:.3g}", signed_percent(shares[-1])]
+                motor += ["", ""]
         rows.append(row)
-    labels = result.fit.names
-    for name in result.model.joint_names:
-        if f"joint_coulomb {name}" in labels:  # its motor turns with another joint too
-            row = [f"{name}, motor"]
-            for kind in ("viscous", "coulomb"):
-                place = labels.index(f"{kind} {name}")
-                row.append(uncertain(float(result.fit.values[place]), float(result.fit.std[place])))
-                row += ["", ""] if reference is not None else []
-            rows.append(row)
+        if f"joint_coulomb {name}" in labels:
+            motors.append(motor)
     page.table(
         "friction at the joints, viscous [N m s/rad] and Coulomb [N m] (+- standard deviation)",
         columns,
-        rows,
+        [*rows, *motors],
     )
     if reference is not None:
         source = f" ({reference.source})" if reference.source else ""
-        page.paragraph(f"largest deviation from the reference{source}: {percent(worst)}")
+        worst = percent(float(np.nanmax(np.abs(shares))))
+        page.paragraph(f"largest deviation from the reference{source}: {worst}")
 
 
 def _groups(page: Document, report: DynamicsReport) -> None:

@@ -109,13 +109,11 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         found.append(
             ("Into friction", percent(friction / net), f"{scale.text(friction)} of all joints")
         )
+    used = [one.energy.grid_import / JOULE_PER_KWH for one in reports]
     spans = [(one.time.start_ns or 0, one.time.span_ns) for one in reports]
     prices = [settings.mean_price(start_ns, start_ns + span_ns) for start_ns, span_ns in spans]
-    cost = sum(
-        one.energy.grid_import / JOULE_PER_KWH * (price or 0.0)
-        for one, price in zip(reports, prices, strict=True)
-    )
     if None not in prices:
+        cost = sum(kwh * (price or 0.0) for kwh, price in zip(used, prices, strict=True))
         how = (
             "energy spread evenly over each recording, each time at its price"
             if settings.time_of_use
@@ -123,8 +121,7 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         )
         found.append(("Cost", f"{cost:.4f} {settings.currency}", how))
     if settings.co2_kg_per_kwh is not None:
-        used = sum(one.energy.grid_import for one in reports)
-        grams = used / JOULE_PER_KWH * settings.co2_kg_per_kwh * 1e3
+        grams = sum(used) * settings.co2_kg_per_kwh * 1e3
         source = f", {settings.co2_source}" if settings.co2_source else ""
         found.append(("CO\u2082", f"{grams:.1f} g", f"{settings.co2_kg_per_kwh:g} kg/kWh{source}"))
     return Tiles(found)

@@ -16,6 +16,7 @@ from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import fitted_laws
+from robot_energy_identify.friction.torque_constants import FallingConstant
 from robot_energy_identify.results.identification import (
     CabinetReport,
     FrictionReport,
@@ -148,8 +149,22 @@ def friction_tables(report: FrictionReport, page: Document) -> None:
     warnings = [text for fit in report.axes for text in fit.warnings]
     page.notes(grouped([*warnings, *report.refused, *report.apart]))
     gear_tables(report.gears, page)
+    if report.falls:
+        page.notes([falls_words(report.falls)])
     if report.hold is not None:
         page.notes([hold_words(report.hold)])
+
+
+def falls_words(falls: Sequence[FallingConstant]) -> str:
+    """Return by how much torque constants fall, in one sentence."""
+    each = (
+        f"{one.name} {uncertain(100.0 * one.fall.value, 100.0 * (one.fall.std or 0.0))} %/K"
+        for one in falls
+    )
+    return (
+        "measured torque grows with the motor temperature, as of weaker magnets, so torque "
+        f"constants fall: {', '.join(each)}"
+    )
 
 
 def hold_words(hold: HoldFit) -> str:

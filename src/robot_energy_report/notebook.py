@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -63,21 +63,15 @@ def _report(shown: Any) -> Any:
 
 
 def _table(table: TimeSeries, page: Document) -> None:
-    columns = table.to_dict()
+    columns = {name: column for name, column in table.to_dict().items() if name != "stamp_ns"}
+    units = {name: table.units.get(name.rpartition(".")[2]) for name in columns}
+    names = [f"{name} [{unit}]" if unit else name for name, unit in units.items()]
     rows = range(len(table))
     kept = rows if len(rows) <= 2 * ENDS else (*rows[:ENDS], *rows[-ENDS:])
-    names = ("time [s]", *(_named(name, table.units) for name in columns if name != "stamp_ns"))
-    values = [table.time, *(column for name, column in columns.items() if name != "stamp_ns")]
-    page.table(
-        f"{len(rows)} rows",
-        names,
-        [[number(float(each[row]), 3) for each in values] for row in kept],
-    )
-
-
-def _named(name: str, units: Mapping[str, str]) -> str:
-    unit = units.get(name.rpartition(".")[2], "")
-    return f"{name} [{unit}]" if unit else name
+    cells = [
+        [number(float(each[row]), 3) for each in (table.time, *columns.values())] for row in kept
+    ]
+    page.table(f"{len(rows)} rows", ["time [s]", *names], cells)
 
 
 def plot(shown: Any, what: str | None = None, axes: Axes = None) -> Axes:

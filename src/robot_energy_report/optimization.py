@@ -130,8 +130,17 @@ def optimization_document(report: OptimizationReport, page: Document) -> None:
         ],
         report.rests,
     )
-    if len(report.temperatures) > 1:
-        _temperatures(page, report, scale)
+    page.rows(
+        f"At each temperature, energy per cycle [{scale.unit}]",
+        [
+            Column("motors", "motor_temperature_degc", fixed(0), "degC"),
+            Column("now", "energy_before", scale.joule),
+            Column("as chosen", "energy", scale.joule),
+            Column("chosen for\nit alone", "best_energy", scale.joule),
+            Column("cycle of\nthat choice", "best_duration", fixed(2), "s"),
+        ],
+        report.temperatures if len(report.temperatures) > 1 else (),
+    )
     page.rows(
         "From which rest on a state pays",
         [
@@ -211,20 +220,6 @@ def _measures(page: Document, report: OptimizationReport, scale: EnergyFormat) -
     )
     if others := [one.label for one in report.measures if one.cycle is None]:
         page.paragraph(f"These do not apply, or were not asked for: {'; '.join(others)}")
-
-
-def _temperatures(page: Document, report: OptimizationReport, scale: EnergyFormat) -> None:
-    page.rows(
-        f"At each temperature, energy per cycle [{scale.unit}]",
-        [
-            Column("motors", "motor_temperature_degc", fixed(0), "degC"),
-            Column("now", "energy_before", scale.joule),
-            Column("as chosen", "energy", scale.joule),
-            Column("chosen for\nit alone", "best_energy", scale.joule),
-            Column("cycle of\nthat choice", "best_duration", fixed(2), "s"),
-        ],
-        report.temperatures,
-    )
 
 
 def _supply(page: Document, report: OptimizationReport, supply: CommonSupply) -> None:

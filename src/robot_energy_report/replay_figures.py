@@ -233,12 +233,7 @@ class TemperatureHistory:
             self._ring.add(power.stamp_ns, values, np.ones(len(power)))
 
     def means(self) -> tuple[Float, Float]:
-        """Return times and means.
-
-        Returns:
-            Since the start, shape (W,) [s]; temperatures, NaN where unknown, and last the
-            friction power of all joints, shape (W, n + 1) [degC, W].
-        """
+        """Return times [s], shape (W,); temperatures and last friction power, shape (W, n + 1)."""
         table = self._ring.table()
         number = np.asarray(table["number"], dtype=np.float64)
         means = np.array(table["mean"], dtype=np.float64).T

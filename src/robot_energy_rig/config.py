@@ -53,10 +53,7 @@ class Sensors(Described):
 
 
 class RigConfig(Described):
-    """Every effect beyond rigid bodies, Coulomb and viscous friction, on or off.
-
-    The effects of `HARD` are off by default. No model file has a term for them.
-    """
+    """Effects beyond rigid bodies, Coulomb and viscous friction; those of `HARD` are off."""
 
     stribeck: Annotated[bool, "Friction rises towards standstill."] = True
     load_friction: Annotated[bool, "Coulomb friction grows with the load."] = True
@@ -109,7 +106,6 @@ class RigConfig(Described):
         return [name for name, value in self.__dict__.items() if isinstance(value, bool)]
 
     def having(self, *effects: str) -> RigConfig:
-        """Return a copy with the named effects on."""
         return self.without(*effects, on=True)
 
     def without(self, *effects: str, on: bool = False) -> RigConfig:

@@ -96,19 +96,11 @@ class Supply:
             charge = -demand - (self._brake if self._braking else 0.0)
             if not self._braking and self._stored <= 0 and charge <= 0:
                 break
-            if charge > 0:
-                bound = float("inf") if self._braking else self._on_energy
-            elif charge < 0:
-                bound = self._off_energy if self._braking else 0.0
-            else:
-                bound = float("inf")
-            time = (bound - self._stored) / charge if charge else float("inf")
-            reached = time <= left
-            if reached:
-                self._stored = bound
-            else:
-                time = left
-                self._stored += charge * time
+            low, high = (self._off_energy, np.inf) if self._braking else (0.0, self._on_energy)
+            bound = high if charge > 0 else low
+            time = (bound - self._stored) / charge if charge else np.inf
+            reached, time = time <= left, min(time, left)
+            self._stored = bound if reached else self._stored + charge * time
             if self._braking:
                 braked += self._brake * time
             if reached:

@@ -46,10 +46,6 @@ class Lubricant(Described):
     Walther's law in the form of ASTM D341, ``log10 log10(nu + 0.7) = A - B log10(T)`` with
     the kinematic viscosity nu in mm^2/s and T in kelvin, fixed by the two figures of an
     oil's data sheet, nu at 40 and at 100 degC.
-
-    Raises:
-        RigError: If the oil does not thin with temperature.
-
     """
 
     viscosity_40: Annotated[float, "Kinematic, at 40 degC: the ISO VG grade within 10 %. [mm^2/s]"]
@@ -138,8 +134,7 @@ class HardEffects(Described):
     elastic_deflection: Annotated[float, "At the effort limit. [rad] or [m]"] = 1.5e-3
     presliding_angle: Annotated[float, "Of the motor, for 63 % of a reversal. [rad]"] = 0.3
     coulomb_fall: Annotated[
-        float,
-        "Coulomb friction lost per kelvin above 40 degC, down to `MIN_COULOMB_SHARE`. [1/K]",
+        float, "Coulomb friction lost per kelvin above 40 degC, down to `MIN_COULOMB_SHARE`. [1/K]"
     ] = 0.003
     viscous_exponent: Annotated[float, "Of speed, in (0, 1]. [-]"] = 0.8
     viscous_speed: Annotated[float, "Where the exponent changes nothing. [rad/s]"] = 150.0
@@ -162,12 +157,7 @@ class HardEffects(Described):
 
 
 class PlantProfile(Described):
-    """One robot of the rig, motor side, shape (n,) each.
-
-    Raises:
-        RigError: If shapes differ or a figure is negative.
-
-    """
+    """One robot of the rig, motor side, shape (n,) each."""
 
     body: Annotated[
         str, "A shipped model or model file: URDF, payload, gear ratios, rotor inertias of it."
@@ -210,7 +200,6 @@ class PlantProfile(Described):
 
     @property
     def n_joints(self) -> int:
-        """Number of axes."""
         return len(self.lubricant)
 
     def mechanics(self) -> tuple[Robot, Drivetrain]:

@@ -110,14 +110,12 @@ class LoadPlayer:
         self._start_ns, self._seed = start_ns, seed
         self._parts = 0  # of one period of the pump each
         self._due = auxiliary_loads(start_ns, 0.0, seed)
-        self._end_ns = start_ns
         self._used: dict[str, float] = {}
 
     def step_until(self, stamp_ns: int) -> dict[str, LoadRecord]:
         """Return what meters and states have said since the last call, by the names of loads."""
-        while self._end_ns <= stamp_ns:
+        while self._start_ns + round(self._parts * PUMP_PERIOD / NANOSECOND) <= stamp_ns:
             begin, self._parts = self._parts * PUMP_PERIOD, self._parts + 1
-            self._end_ns = self._start_ns + round(self._parts * PUMP_PERIOD / NANOSECOND)
             more = auxiliary_loads(self._start_ns, PUMP_PERIOD, self._seed, begin, self._used)
             self._used = {name: load.energy for name, load in more.items()}
             self._due = {name: _joined(self._due[name], load) for name, load in more.items()}
@@ -177,10 +175,7 @@ class RigRecording(Described):
 
 
 class RigEncoder:
-    """Serializes the output of a rig to ROS 2 messages.
-
-    ``/joint_states`` has motor torque in ``effort``, as reported by the drives.
-    """
+    """Serializes a rig to ROS 2 messages; ``effort`` is motor torque, as drives report it."""
 
     def __init__(self, joint_names: tuple[str, ...]) -> None:
         n_joints = len(joint_names)
@@ -191,16 +186,12 @@ class RigEncoder:
             {"position": n_joints, "velocity": n_joints, "effort": n_joints},
         )
         self._temperatures = Encoder(
-            TYPES[TEMPERATURES_TOPIC],
-            {"joint_names": self._names},
-            {"temperature_degc": n_joints},
+            TYPES[TEMPERATURES_TOPIC], {"joint_names": self._names}, {"temperature_degc": n_joints}
         )
         self._meter = Encoder(TYPES[METER_TOPIC])
         # Without a layout, as drivers write it: one value per joint in the order of the joints.
         self._drives = Encoder(
-            TYPES[DRIVE_POWER_TOPIC],
-            {"layout.data_offset": 0},
-            {"layout.dim": 0, "data": n_joints},
+            TYPES[DRIVE_POWER_TOPIC], {"layout.data_offset": 0}, {"layout.dim": 0, "data": n_joints}
         )
 
     def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:

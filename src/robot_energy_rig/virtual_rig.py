@@ -63,7 +63,6 @@ class Motion(NamedTuple):
     rigid_torque: Annotated[Float, "Of bodies and rotors, motor side, shape (N, n). [N m]"]
 
     def part(self, first: int, rows: int) -> Motion:
-        """Return so many samples from one on."""
         cut = slice(first - self.first, first - self.first + rows)
         links, motors = self.links[cut], self.motors[cut]
         return Motion(first, links, motors, self.motor_velocity[cut], self.rigid_torque[cut])
@@ -201,11 +200,7 @@ class VirtualRig:
         return self.step(due) if due > 0 else None
 
     def step(self, n_samples: int) -> RigOutput:
-        """Return the next samples and the readings due by then.
-
-        Temperatures and meter readings come with the first step whose last sample is not
-        before their stamp.
-        """
+        """Return the next samples and the readings that are due by the last of them."""
         if n_samples < 1:
             raise RigError(f"a step of {n_samples} samples was asked for", "at least 1")
         joints: list[RigJoints] = []

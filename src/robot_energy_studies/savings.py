@@ -155,7 +155,10 @@ def context(result: Savings) -> dict[str, Any]:
 
 def pieces(result: Savings) -> dict[str, Piece]:
     """Return the figures of the page."""
-    return {"claims": partial(claims, result.savings), "curves": partial(curves, result.curves)}
+    return {
+        "claims": partial(claims, result.savings),
+        "curves": partial(curves, result.curves),
+    }
 
 
 def claims(rows: list[JudgedSaving], path: Target) -> None:

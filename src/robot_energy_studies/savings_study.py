@@ -199,7 +199,11 @@ def judge_plant(
 
 
 def task_of(
-    model: RobotModel, program: Program, limits: MotionLimits, degc: float, cycle_time: float | None
+    model: RobotModel,
+    program: Program,
+    limits: MotionLimits,
+    degc: float,
+    cycle_time: float | None,
 ) -> Task:
     """Return the task to make a program cheaper.
 

@@ -35,6 +35,7 @@ STARTED, OFF = 38.0, 8.0  # degC of motors, K of their gears above them
 SPAN = 300.0  # s of a window
 GEARS = (0.4, 1.0, 2.5)  # heat capacity of the gears over that drawn
 BODIES = ("kr16", "ur10e", "irb4600")
+MODELS = ("motor", "gear", "all")
 PROGRAMS = range(7)  # numbers of those that a plant works
 
 
@@ -125,7 +126,7 @@ class WarmPlant:
                 return override
         return 0.2
 
-    def models(self) -> dict[str, RobotModel]:
+    def models(self, names: Sequence[str] = MODELS) -> dict[str, RobotModel]:
         """Return the models by what they follow.
 
         ``motor`` and ``gear`` are what friction follows, with drives and constants of the short
@@ -138,14 +139,22 @@ class WarmPlant:
             ).path
             for number, degc in enumerate(SOAKED, 2)
         ]  # fmt: skip
-        motor = identify_all(bags, self.body, "motor_torque", held_out=False, skip=["thermal"])
         rig = self.rig(0, self.program(0, 1.0, self.override), AMBIENT)
         warm_up = record(rig, WARM_UP, self._folder / "warm_up").path
-        gear = identify_friction([*bags, warm_up], motor.model, "motor_torque")
-        every = identify_all(
-            [*bags, warm_up], self.body, "motor_torque", held_out=False, skip=["thermal"]
-        )
-        return {"motor": motor.model, "gear": gear.model, "all": every.model}
+        found: dict[str, RobotModel] = {}
+        if "motor" in names or "gear" in names:
+            found["motor"] = self._identified(bags)
+        if "gear" in names:
+            gear = identify_friction([*bags, warm_up], found["motor"], "motor_torque")
+            found["gear"] = gear.model
+        if "all" in names:
+            found["all"] = self._identified([*bags, warm_up])
+        return {name: found[name] for name in names}
+
+    def _identified(self, bags: Sequence[Path]) -> RobotModel:
+        return identify_all(
+            list(bags), self.body, "motor_torque", held_out=False, skip=["thermal"]
+        ).model
 
     def runs(self) -> Iterator[tuple[str, list[RigOutput]]]:
         """Yield the runs of the test by name."""
@@ -197,8 +206,10 @@ def judged(
     return WarmRun(plant, run, name, float(whole), error[:, 0], friction)
 
 
-def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterator[WarmRun]:
-    """Yield every run of every plant with every model, robots in turn; some have no program."""
+def gear_study(
+    folder: Path, plants: Sequence[int], config: RigConfig, names: Sequence[str] = MODELS
+) -> Iterator[WarmRun]:
+    """Yield every run of every plant with these models, robots in turn; some have no program."""
     for number, seed in enumerate(plants):
         gears = GEARS[(number // 2) % len(GEARS)]
         body = BODIES[number % len(BODIES)]
@@ -209,11 +220,11 @@ def gear_study(folder: Path, plants: Sequence[int], config: RigConfig) -> Iterat
         except MotionError as error:
             print(f"{body} {seed} is left out: {error}", flush=True)
             continue
-        models = plant.models()
+        models = plant.models(names)
         for run, pieces in plant.runs():
             for name, model in models.items():
                 yield judged(plant.name, run, name, model, pieces)
-            for name in ("gear", "all") if run.startswith("gears") else ():
-                for way in ("effort", "meter"):
+            for name in models if run.startswith("gears") else ():
+                for way in ("effort", "meter") if name != "motor" else ():
                     title, read = f"{name}, {way} read", {way: True}
                     yield judged(plant.name, run, title, models[name], pieces, **read)

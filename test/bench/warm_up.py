@@ -1,6 +1,6 @@
 """A robot that warms up: friction that follows its gears next to friction that follows its motors.
 
-    python test/bench/warm_up.py [--plants 10] [--first 300] [--without EFFECT ...]
+    python test/bench/warm_up.py [--plants 10] [--first 300] [--models all] [--without EFFECT ...]
 
 Drawn plants of the virtual rig (simulated), identified from three short recordings and one warm-up
 (``all``: drives, constants and a fan of the cabinet from the warm-up, too); another program of an
@@ -23,7 +23,7 @@ from rich.console import Console
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from warm_robots import REST, SPAN, WARM_UP, WarmRun, gear_study
+from warm_robots import MODELS, REST, SPAN, WARM_UP, WarmRun, gear_study
 
 from robot_energy_report.printing import table
 from robot_energy_rig import RigConfig
@@ -68,6 +68,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plants", type=int, default=10, help="drawn plants, of three robots")
     parser.add_argument("--first", type=int, default=300, help="seed of the first plant")
+    parser.add_argument("--models", nargs="+", default=MODELS, choices=MODELS)
     parser.add_argument("--without", nargs="*", default=[], help="effects of the rig to leave out")
     args = parser.parse_args()
     config = RigConfig.hard().without(*args.without)
@@ -75,7 +76,7 @@ def main() -> int:
     runs: list[WarmRun] = []
     with tempfile.TemporaryDirectory() as folder:
         plants = range(args.first, args.first + args.plants)
-        for run in gear_study(Path(folder), plants, config):
+        for run in gear_study(Path(folder), plants, config, args.models):
             print(*row_of(run), sep=" | ", flush=True)
             runs.append(run)
     kinds = dict.fromkeys((run.run, run.model) for run in runs)

@@ -71,11 +71,11 @@ def test_search_and_cells_lead_to_one_robot_of_many(page, width, dark):
     window.wait("document.getElementById('power').textContent === '133 W'", "its power")
     assert "robot=cell3%2Fr33" in window.driver.current_url
     window.run("window.seen = document.activeElement")
-    number = page[0].events_of("").fleet_number
+    number = page[0].events_of("")["fleet"][0]
     window.wait("document.getElementById('status').textContent !== 'connecting'", "figures")
     limit = time.monotonic() + 60
     alone = {"cell3/r33": 1}  # once the connection before has ended
-    while page[0].events_of("").fleet_number <= number or page[0].watched != alone:
+    while page[0].events_of("")["fleet"][0] <= number or page[0].watched != alone:
         assert time.monotonic() < limit
         time.sleep(0.05)
     assert window.run("return document.activeElement === window.seen && seen.tagName === 'BUTTON'")

@@ -67,7 +67,7 @@ MODULES = {
     "robot_energy.physics": """
         counterbalance derivative drives_and_cabinet drivetrain effort electrical_power
         equations friction hold_torque motor_heat pinocchio_model rigid_body
-        torque_limits
+        torque_constant torque_limits
     """,
     "robot_energy.physics.urdf": """
         checks moving_joints parse
@@ -133,7 +133,7 @@ MODULES = {
         total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
-        base_parameters consistent counterbalance dynamics dynamics_model leave_one_out
+        base_parameters consistent dynamics dynamics_model leave_one_out
         torque_model validation
     """,
     "robot_energy_identify.excitation": """
@@ -141,12 +141,13 @@ MODULES = {
     """,
     "robot_energy_identify.friction": """
         apart friction further_terms held_out hold laws samples shared_shape temperature_study
+        torque_constants
     """,
     "robot_energy_identify.results": """
         dynamics evaluation identification
     """,
     "robot_energy_identify.starter": """
-        actuators arm description model_remarks model_text priors
+        arm description model_remarks model_text priors
     """,
     "robot_energy_identify.stats": """
         cross_validation held_out_energy lag regression systematic

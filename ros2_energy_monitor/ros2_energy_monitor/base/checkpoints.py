@@ -108,7 +108,7 @@ class Checkpoints:
     @property
     def _keeps(self) -> bool:
         """Whether what is counted is to be brought to disk."""
-        return self.store.keeps and not self.store.is_aside
+        return self.store.folder is not None and not self.store.is_aside
 
     def begin_recording(self, players: str) -> None:
         """Count a recording from zero from now on, apart from the robot's registers."""

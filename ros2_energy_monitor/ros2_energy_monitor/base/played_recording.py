@@ -58,7 +58,7 @@ class PlayedRecording:
         self._unknown_since: float | None = None
 
     def look(self, met: list[tuple[int, int]]) -> Change:
-        """Say what has changed, before anything is taken.
+        """Return what has changed, before anything is taken.
 
         Args:
             met: As the attribute, now; where it is the same, nothing has changed.

@@ -205,17 +205,14 @@ class EnergyDashboard(Node):
             DiagnosticArray, "/diagnostics", self._take_diagnostics, best_effort(50)
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / wanted.update_rate, self.tick, clock=steady)
-        self.create_timer(LOOK_PERIOD, self.look, clock=steady)
+        for name, work, period in (
+            ("tick", self._tick, 1.0 / wanted.update_rate),
+            ("look", self._look, LOOK_PERIOD),
+        ):
+            self.create_timer(period, self.guard.callback(name, work), clock=steady)
         self.server = PageServer(self.hub, access)
         for sentence in access.sentences(self.server.url):
             self.get_logger().info(sentence)
-
-    def tick(self) -> None:
-        self.guard.run("tick", self._tick)
-
-    def look(self) -> None:
-        self.guard.run("look", self._look)
 
     def destroy_node(self) -> None:
         if hasattr(self, "server"):
@@ -223,6 +220,7 @@ class EnergyDashboard(Node):
         super().destroy_node()
 
     def _tick(self) -> None:
+        """Take what has arrived and send it to the pages."""
         now = time.monotonic()
         self._ticks += 1
         with self.hub.lock:
@@ -234,6 +232,7 @@ class EnergyDashboard(Node):
             self._feeds[robot].act(action, text, answer, self._service_names())
 
     def _look(self) -> None:
+        """Look for robots that are new, and for job intervals."""
         if not self.parameters.robots:
             for topic, types in self.get_topic_names_and_types():
                 if topic.endswith(f"/{POWER_TOPIC}") and POWER_TYPE in types:

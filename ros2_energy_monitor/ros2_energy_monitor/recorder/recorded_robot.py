@@ -269,7 +269,9 @@ class RecordedRobot:
 
     def look_after(self, services: Iterable[str]) -> None:
         """Take learned friction, ask for the job intervals, and subscribe again what is silent."""
-        self._take_friction()
+        batch = self._condition.drain()
+        if batch is not None and not self._recording:
+            self._store.add_friction(self.name, self._friction.decode(batch))
         self._inbox.resubscribe_if_silent()
         if self._listing is not None and not self._listing.done():
             if time.monotonic() - self._asked < SILENCE:
@@ -301,11 +303,6 @@ class RecordedRobot:
         jobs, self._jobs = self._jobs, []
         if not self._recording:
             self._store.add_jobs(self.name, jobs)
-
-    def _take_friction(self) -> None:
-        batch = self._condition.drain()
-        if batch is not None and not self._recording:
-            self._store.add_friction(self.name, self._friction.decode(batch))
 
     @property
     def _recording(self) -> bool:

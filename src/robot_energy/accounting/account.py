@@ -183,8 +183,9 @@ class EnergyAccount:
             *self.counts.mark(),
             partial(vars(registers).update, time=replace(registers.time)),
             partial(vars(shaft).update, compared_ns=shaft.compared_ns.copy()),
-            partial(vars(comparison).update, compared_ns=comparison.compared_ns),
-            partial(vars(comparison.swing).update, sums=[*comparison.swing.sums]),
+            partial(
+                vars(comparison).update, compared_ns=comparison.compared_ns, swing=comparison.swing
+            ),
             *(() if self.auxiliary is None else self.auxiliary.mark()),
         ]
         try:

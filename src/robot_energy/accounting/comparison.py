@@ -9,7 +9,7 @@ delay and a low pass shows (`robot_energy.accounting.meter_response`); energies 
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite, nan, sqrt
@@ -22,9 +22,8 @@ from robot_energy.accounting.meter_response import (
     MAX_LAG,
     LagEstimate,
     MeterResponse,
-    PowerSwing,
+    NewestMinute,
     ShownPower,
-    starts_of,
 )
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
@@ -56,9 +55,6 @@ ALONE_NS = 10 * SECOND_NS  # a jump of one side that the other does not follow b
 ALONE_READINGS = 3  # of the meter that must have come meanwhile
 MAX_LATE = 0.02  # of the measured energy that the lag of the meter may make
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
-WINDOW = 60  # of the rolling residual [s]
-MAX_WAITING = 4096  # intervals whose sums are made together
-Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
 class Idle(Described):
@@ -71,87 +67,6 @@ class Idle(Described):
     ahead_ns: Annotated[
         int | None, "Newest reading minus newest predicted stamp; None without a reading. [ns]"
     ]
-
-
-class NewestMinute:
-    """Sums over the newest minute that was compared, and of energy fed back since the start.
-
-    Sums are integers, so that they do not depend on how the input is cut; few intervals wait for
-    others.
-    """
-
-    def __init__(self) -> None:
-        self.seconds: deque[tuple[int, Sums]] = deque()  # as of the last `sums`
-        self._sums: Sums = [0, 0, 0]
-        self._waiting: list[Compared] = []
-        self._rows = 0  # of them
-        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
-
-    def take(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        self._waiting.append(compared)
-        self._rows += len(compared)
-        if self._rows >= MAX_WAITING:
-            self._settle()
-
-    @property
-    def sums(self) -> Sums:
-        """Over the newest minute."""
-        self._settle()
-        return self._sums
-
-    @property
-    def returned_share(self) -> float:
-        """Energy fed back over energy drawn, by the meter; 0 where a prediction gives some. [-]"""
-        self._settle()
-        return 0.0 if self._predicted_returned or not self._drawn else self._returned / self._drawn
-
-    @property
-    def time(self) -> float:
-        """Compared time within it. [s]"""
-        return self.sums[0] * NANOSECOND
-
-    @property
-    def residual_share(self) -> float:
-        """Predicted minus measured energy, relative to measured. [-]
-
-        NaN where nothing was compared or measured.
-        """
-        _, measured, predicted = self.sums
-        return (predicted - measured) / abs(measured) if measured else nan
-
-    def _settle(self) -> None:
-        """Count what waits; how it was cut makes no difference."""
-        if not self._rows:
-            return
-        compared = Compared.concatenate(self._waiting)
-        self._waiting.clear()
-        self._rows = 0
-        second = compared.stamp_ns // SECOND_NS
-        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
-        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
-        self._drawn += int(measured[measured > 0].sum())
-        self._returned -= int(measured[measured < 0].sum())
-        self._predicted_returned -= int(predicted[predicted < 0].sum())
-        starts = starts_of(second)
-        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
-        sums = np.add.reduceat(table, starts, axis=0)
-        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
-            self._add(number, row)
-
-    def _add(self, second: int, sums: Sums) -> None:
-        seconds = self.seconds
-        if seconds and second < seconds[-1][0]:
-            seconds.clear()  # the recording loops
-            self._sums = [0, 0, 0]
-        if seconds and second == seconds[-1][0]:
-            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
-        else:
-            seconds.append((second, list(sums)))
-        self._sums = [a + b for a, b in zip(self._sums, sums, strict=True)]
-        while seconds[0][0] <= second - WINDOW:
-            _, old = seconds.popleft()
-            self._sums = [a - b for a, b in zip(self._sums, old, strict=True)]
 
 
 @dataclass
@@ -180,7 +95,8 @@ class Comparison(ExactSum):
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
         minute: Sums over the newest minute.
-        swing: How much the predicted power varied over what was compared.
+        swing: Of the predicted power over what was compared, as whole numbers: time [ns], energy
+            [nJ], power squared over time [W^2 s]; replaced, never changed.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
         early_since_ns: Predicted stamp since which readings are stamped more than
@@ -197,7 +113,8 @@ class Comparison(ExactSum):
     ) -> None:
         super().__init__(2)  # measured, predicted
         self._stated = response
-        self.lag, self.minute, self.swing = LagEstimate(), NewestMinute(), PowerSwing()
+        self.lag, self.minute = LagEstimate(), NewestMinute()
+        self.swing: Int = np.zeros(3, dtype=np.int64)
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -231,7 +148,10 @@ class Comparison(ExactSum):
         """
         known = self._stated is not None or self.lag.known
         lag = abs(self.response.time_constant + self.response.delay) if known else MAX_LAG
-        return lag * Z90 * sqrt(2.0) * self.swing.std
+        time_ns, drawn, squares = self.swing.tolist()
+        time = max(time_ns, 1) * NANOSECOND
+        variance = squares / time - (drawn / NANOJOULE_PER_JOULE / time) ** 2
+        return lag * Z90 * sqrt(2.0 * max(variance, 0.0))
 
     @property
     def comparable_energy(self) -> float:
@@ -252,7 +172,7 @@ class Comparison(ExactSum):
     def reset(self) -> None:
         """Begin at zero; what still waits for the meter is compared later."""
         super().reset()
-        self.compared_ns, self.swing = 0, PowerSwing()
+        self.compared_ns, self.swing = 0, np.zeros_like(self.swing)
 
     def interrupt(self) -> None:
         """Compare nothing between the last and the next sample."""
@@ -429,7 +349,9 @@ class Comparison(ExactSum):
                 found = result, energy, start + np.cumsum(result.duration_ns)
         result, energy, end_ns = found or _compared(predicted, measured, start, until)
         self.add(energy)
-        self.swing.take(result)
+        drawn, time = result.drawn, result.duration_ns * NANOSECOND
+        swing = np.stack([result.duration_ns, drawn * NANOJOULE_PER_JOULE, drawn * drawn / time])
+        self.swing = self.swing + np.rint(swing).astype(np.int64).sum(axis=1)
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
 

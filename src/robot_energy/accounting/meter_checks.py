@@ -25,10 +25,17 @@ class MeterDiagnostics:
     def __init__(self, unit: str = "") -> None:
         self._unit = unit
 
-    def findings(self, comparison: Comparison) -> list[str]:
-        """Return what is wrong with the meter, one sentence each."""
+    def findings(self, comparison: Comparison, ended: bool = False) -> list[str]:
+        """Return what is wrong with the meter, one sentence each.
+
+        Args:
+            ended: Whether what was wrong for a time only is named as well, as of a recording.
+        """
         scale = self._scale(comparison)
-        found = (self._clock(comparison), scale or _fed_back(comparison), _refused(comparison))
+        found = (
+            self._clock(comparison), scale or _fed_back(comparison), _refused(comparison),
+            _still(comparison, ended),
+        )  # fmt: skip
         return [sentence for sentence in found if sentence]
 
     def _clock(self, comparison: Comparison) -> str:
@@ -102,6 +109,20 @@ def _fed_back(comparison: Comparison) -> str:
         f"by the meter, {100 * share:.0f} % of the energy drawn is fed back, but the model "
         "predicts none: if the supply or a battery takes energy back, state "
         "cabinet.regeneration_efficiency in the model file"
+    )
+
+
+def _still(comparison: Comparison, ended: bool) -> str:
+    """Whether the meter repeats a reading while the robot works."""
+    if comparison.meaning is MeterMeaning.CUMULATIVE:  # level between two changes of its counter
+        return ""
+    still = comparison.minute.still
+    seconds, power = max(still.open, still.longest) if ended else still.open
+    if not seconds:
+        return ""
+    return (
+        f"the meter reads the same {power:.6g} W for {seconds:.0f} s while the predicted power "
+        "changes: does its driver repeat an old reading?"
     )
 
 

@@ -36,7 +36,14 @@ MIN_SHARE = 0.5  # of a stretch that must be compared
 MIN_STRETCHES = 12  # before a lag is found: a minute
 MAX_STRETCHES = 120  # behind it: ten minutes
 MAX_LAG = 1.0  # that is found [s]
+SAME = 1e-6  # of a reading by which those of a meter that stands still differ
+MIN_STILL = 8.0  # s of equal readings that are worth a sentence
+MIN_READINGS = 10  # among them
+VARIES = 0.2  # standard deviation over mean of the power of a robot that works: 0.6 to 1
 SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
+WINDOW = 60  # of the rolling residual [s]
+MAX_WAITING = 4096  # intervals whose sums are made together
+Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
 
 
 class MeterResponse(Described):
@@ -198,30 +205,52 @@ def _energy_at(rows: _Followed, time_ns: Int, side: str) -> Float:
     return start.energy + 0.5 * (start.power + power) * seconds - lag
 
 
-class PowerSwing:
-    """How much a predicted power varies over what was compared.
+class StillReadings:
+    """Readings that stay the same to the digit while the predicted power changes.
 
-    Sums are integers, so that the cutting of the input makes no difference.
+    Attributes:
+        longest: Time [s] and value [W] of the longest such run that has ended; 0 s for none.
     """
 
     def __init__(self) -> None:
-        self.sums = [0, 0, 0]  # time [ns], energy [nJ], power squared over time [W^2 s]
-
-    def take(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        time_ns, drawn = compared.duration_ns, compared.drawn
-        squares = drawn * drawn / (time_ns * NANOSECOND)
-        for place, values in enumerate((time_ns, drawn * NANOJOULE_PER_JOULE, squares)):
-            self.sums[place] += int(np.rint(values).astype(np.int64).sum())
+        self.longest = (0.0, 0.0)
+        self._power, self._stamp_ns = np.nan, 0
+        self._sums = np.zeros(4)  # time, energy, power squared over time, readings of the open run
 
     @property
-    def std(self) -> float:
-        """Standard deviation of the power. [W]"""
-        seconds = self.sums[0] * NANOSECOND
-        if not seconds:
-            return 0.0
-        mean = self.sums[1] / NANOJOULE_PER_JOULE / seconds
-        return math.sqrt(max(self.sums[2] / seconds - mean**2, 0.0))
+    def open(self) -> tuple[float, float]:
+        """The same of the run that goes on."""
+        return _still(self._sums), self._power
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable, one interval or more."""
+        seconds, drawn = compared.duration_ns * NANOSECOND, compared.drawn
+        power = compared.measured / seconds
+        before = np.append(self._power, power[:-1])
+        fresh = compared.stamp_ns != np.append(self._stamp_ns, compared.stamp_ns[:-1])
+        differs = ~(np.abs(power - before) <= SAME * np.abs(before))
+        starts = np.flatnonzero(differs)
+        bounds = starts if differs[0] else np.append(0, starts)
+        table = np.column_stack([seconds, drawn, drawn * drawn / seconds, fresh])
+        sums = np.add.reduceat(table, bounds, axis=0)
+        values = [*power[bounds[:1]], *power[bounds[1:]]]
+        if differs[0]:
+            sums, values = np.concatenate([self._sums[None], sums]), [self._power, *values]
+        else:
+            sums[0] += self._sums
+        for row in np.flatnonzero(sums[:-1, 0] >= MIN_STILL).tolist():
+            self.longest = max(self.longest, (_still(sums[row]), float(values[row])))
+        self._sums, self._power = sums[-1], float(power[-1])
+        self._stamp_ns = int(compared.stamp_ns[-1])
+
+
+def _still(sums: Float) -> float:
+    """Time of a run of equal readings in which the predicted power varies; 0 if not. [s]"""
+    seconds, energy, squares, readings = sums.tolist()
+    if seconds < MIN_STILL or readings < MIN_READINGS:
+        return 0.0
+    mean = energy / seconds
+    return seconds if squares / seconds - mean**2 > (VARIES * mean) ** 2 else 0.0
 
 
 class MeterSums:
@@ -332,6 +361,95 @@ class LagEstimate:
         left = error - lag * step
         std = math.sqrt(float(left @ left) / (len(left) - 2) / squares)
         return min(lag, MAX_LAG) if lag > SIGNIFICANT * std else 0.0
+
+
+class NewestMinute:
+    """Sums over the newest minute that was compared, and what readings have shown since the start.
+
+    Sums are integers, so that they do not depend on how the input is cut; few intervals wait for
+    others.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: deque[tuple[int, Sums]] = deque()  # as of the last `sums`
+        self._sums: Sums = [0, 0, 0]
+        self._waiting: list[Compared] = []
+        self._rows = 0  # of them
+        self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
+        self._still = StillReadings()
+
+    def take(self, compared: Compared) -> None:
+        """Take what became comparable."""
+        self._waiting.append(compared)
+        self._rows += len(compared)
+        if self._rows >= MAX_WAITING:
+            self._settle()
+
+    @property
+    def sums(self) -> Sums:
+        """Over the newest minute."""
+        self._settle()
+        return self._sums
+
+    @property
+    def still(self) -> StillReadings:
+        """Readings that stay the same, since the start."""
+        self._settle()
+        return self._still
+
+    @property
+    def returned_share(self) -> float:
+        """Energy fed back over energy drawn, by the meter; 0 where a prediction gives some. [-]"""
+        self._settle()
+        return 0.0 if self._predicted_returned or not self._drawn else self._returned / self._drawn
+
+    @property
+    def time(self) -> float:
+        """Compared time within it. [s]"""
+        return self.sums[0] * NANOSECOND
+
+    @property
+    def residual_share(self) -> float:
+        """Predicted minus measured energy, relative to measured. [-]
+
+        NaN where nothing was compared or measured.
+        """
+        _, measured, predicted = self.sums
+        return (predicted - measured) / abs(measured) if measured else math.nan
+
+    def _settle(self) -> None:
+        """Count what waits; how it was cut makes no difference."""
+        if not self._rows:
+            return
+        compared = Compared.concatenate(self._waiting)
+        self._waiting.clear()
+        self._rows = 0
+        self._still.take(compared)
+        second = compared.stamp_ns // SECOND_NS
+        measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
+        predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)
+        self._drawn += int(measured[measured > 0].sum())
+        self._returned -= int(measured[measured < 0].sum())
+        self._predicted_returned -= int(predicted[predicted < 0].sum())
+        starts = starts_of(second)
+        table = np.stack([compared.duration_ns, measured, predicted], axis=1)
+        sums = np.add.reduceat(table, starts, axis=0)
+        for number, row in zip(second[starts].tolist(), sums.tolist(), strict=True):
+            self._add(number, row)
+
+    def _add(self, second: int, sums: Sums) -> None:
+        seconds = self.seconds
+        if seconds and second < seconds[-1][0]:
+            seconds.clear()  # the recording loops
+            self._sums = [0, 0, 0]
+        if seconds and second == seconds[-1][0]:
+            seconds[-1][1][:] = [a + b for a, b in zip(seconds[-1][1], sums, strict=True)]
+        else:
+            seconds.append((second, list(sums)))
+        self._sums = [a + b for a, b in zip(self._sums, sums, strict=True)]
+        while seconds[0][0] <= second - WINDOW:
+            _, old = seconds.popleft()
+            self._sums = [a - b for a, b in zip(self._sums, old, strict=True)]
 
 
 def starts_of(number: Int) -> Int:

@@ -142,16 +142,14 @@ class BagReader:
             return info
         other = {(kind, "cdr") for kind in accepted}
         fitting = [n for n, each in self.topics.items() if (each.msgtype, each.encoding) in other]
-        remedy = f"topics of that type in the bag: {', '.join(fitting)}"
-        if info and info.msgtype in accepted:
-            raise MissingTopicError(
-                f"{self.path} has {topic} with messages encoded as {info.encoding}",
-                "messages encoded as cdr, as ROS 2 records them",
-                remedy if fitting else CONVERSIONS.get(info.encoding, CONVERSIONS[""]),
-            )
         have = f"has {topic} as {info.msgtype} ({info.encoding})" if info else f"has no {topic}"
-        remedy = remedy if fitting else "the bag has no topic of that type"
-        raise MissingTopicError(f"{self.path} {have}", f"type {' or '.join(accepted)}", remedy)
+        remedy = "the bag has no topic of that type"
+        if fitting:
+            remedy = f"topics of that type in the bag: {', '.join(fitting)}"
+        elif info and info.msgtype in accepted:
+            remedy = CONVERSIONS.get(info.encoding, CONVERSIONS[""])
+        expected = f"type {' or '.join(accepted)}, encoded as cdr"
+        raise MissingTopicError(f"{self.path} {have}", expected, remedy)
 
     def parts(
         self, topics: Collection[str], spans: Mapping[str, LogTimes] | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from urllib.parse import quote
 
@@ -54,7 +55,6 @@ class SqliteSource:
     def __init__(self, path: Path, report: Report) -> None:
         self._path = path
         self._report_to = report
-        self._whole: bool | None = None
         self._ids: dict[int, tuple[str, str]] = {}  # topic and type of each id
         self.unverified_count = 0
 
@@ -152,7 +152,7 @@ class SqliteSource:
             raise self._unreadable(str(error.strerror)) from error
         place = quote(str(self._path.absolute()))
         base = sqlite3.connect(f"file:{place}?mode=ro&immutable=1", uri=True, isolation_level=None)
-        base.text_factory = lambda data: data.decode("utf-8", "replace")
+        base.text_factory = partial(str, encoding="utf-8", errors="replace")
         for kind, limit in _LIMITS.items():
             base.setlimit(kind, limit)
         for pragma in ("trusted_schema = OFF", "cell_size_check = ON", "mmap_size = 0"):
@@ -160,7 +160,6 @@ class SqliteSource:
         return base
 
     def _check(self, base: sqlite3.Connection) -> None:
-        """Check the tables, and once the whole file."""
         for name in ("topics", "messages"):
             if not self._table(base, name):
                 raise self._unreadable(f"it has no table of {name}")
@@ -168,12 +167,10 @@ class SqliteSource:
             journal = self._path.with_name(self._path.name + suffix)
             if journal.is_file() and journal.stat().st_size:
                 self._report(f"{journal.name} was not read: the recording was not closed")
-        if self._whole is None:
-            (verdict,) = base.execute("PRAGMA quick_check(1)").fetchone()
-            self._whole = verdict == "ok"
-            if not self._whole:
-                line = " ".join(str(verdict).split())[:120]
-                self._report(f"the file is damaged ({line}); what can be read was read")
+        (verdict,) = base.execute("PRAGMA quick_check(1)").fetchone()
+        if verdict != "ok":
+            line = " ".join(str(verdict).split())[:120]
+            self._report(f"the file is damaged ({line}); what can be read was read")
 
     def _table(self, base: sqlite3.Connection, name: str) -> bool:
         """Whether there is a plain table with the columns of a bag."""

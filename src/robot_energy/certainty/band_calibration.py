@@ -81,21 +81,6 @@ class BandCalibration:
         self.location = MeterLocation.UNKNOWN
         self.reset()
 
-    @property
-    def readings(self) -> int:
-        """Scored so far."""
-        return int(self.counts[:, 0].sum())
-
-    @property
-    def inside(self) -> int:
-        """Of them, those within the band that was in force."""
-        return int(self.counts[:, 1].sum())
-
-    @property
-    def inside_parametric(self) -> int:
-        """Of them, those within the band of the standard deviation alone."""
-        return int(self.counts[:, 2].sum())
-
     def reset(self) -> None:
         """Drop all scores, as after a change of the model."""
         self._log_scale = [math.log(Z90)] * len(Phase)

@@ -121,10 +121,7 @@ class ConditionLearner:
         self.thermal.measure(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
-        """Cut where a part begins, if figures are applied, or a window.
-
-        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.cuts`.
-        """
+        """Cut at parts and windows, as in `robot_energy.pipeline.power_stage.Condition.cuts`."""
         windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
         if not self.applies:
             return windows
@@ -135,10 +132,7 @@ class ConditionLearner:
         self, begin_ns: int, stuck: NDArray[np.bool_], reading_degc: Float, viscous: Float,
         std: Float, shared: Float, quality: Bits,
     ) -> tuple[Float, Float]:  # fmt: skip
-        """Learn from the part before, if it has ended; leave temperatures to the thermal observer.
-
-        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.estimate`.
-        """
+        """Begin a part, as in `robot_energy.pipeline.power_stage.Condition.estimate`."""
         if self._part is not None and begin_ns // PART_NS != self._part:
             self._end_part()
         if not self.thermal.on:
@@ -149,10 +143,7 @@ class ConditionLearner:
     def learned(
         self, motor_velocity: Float, motor_temperature_degc: Float
     ) -> tuple[Float | float, float, float]:
-        """Return what counts in this part.
-
-        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.learned`.
-        """
+        """Say what counts, as in `robot_energy.pipeline.power_stage.Condition.learned`."""
         use = self._use
         factor: Float | float = 1.0
         if use.by_torque.any() or use.factor != 1.0:
@@ -160,10 +151,7 @@ class ConditionLearner:
         return (factor, use.offset, 0.0) if use.at_bus else (factor, 0.0, use.offset)
 
     def step(self, block: PowerBlock, reading_degc: Float) -> None:
-        """Take the power of a part.
-
-        Arguments and result as in `robot_energy.pipeline.power_stage.Condition.step`.
-        """
+        """Take the power of a part, as in `robot_energy.pipeline.power_stage.Condition.step`."""
         if self.thermal.on:
             self.thermal.take(block, reading_degc)
         if not self.learns:

@@ -78,6 +78,10 @@ class ThermalState:
         spread = AMBIENT_STD if ambient is None or ambient.std is None else ambient.std
         count = len(thermal)
         self.x: Float = np.tile([self.ambient_degc] * 3 + [1.0, self.ambient_degc], (count, 1))
+        # A network was identified with one air for all; without one all is as the thermometer says.
+        self._offset = np.where(self.networks, self.gear.offset, 0.0)
+        shown = [MOTOR, STRUCTURE, AMBIENT, GEAR]
+        self.x[:, shown] += (self.gear.offset - self._offset)[:, None]
         # All: the ambient; motor, structure and gear: what an earlier run has left in them.
         alike = np.array([1.0, 1.0, 1.0, 0.0, 1.0])
         above = np.array([1.0, 1.0, 0.0, 0.0, 1.0])
@@ -168,7 +172,7 @@ class ThermalState:
         self.covariance[started, GEAR, :] = self.covariance[started, MOTOR, :]
         self.covariance[started, :, GEAR] = self.covariance[started, :, MOTOR]
         self.covariance[started, GEAR, GEAR] = self.covariance[started, MOTOR, MOTOR]
-        expected = np.where(self._kept, before, self.x[:, AMBIENT])
+        expected = np.where(self._kept, before, self.x[:, AMBIENT] + self._offset)
         off = GEAR_START_SHARE * np.abs(self.x[:, MOTOR] - expected)
         own = (off + np.where(self._kept, 0.0, GEAR_START_STD)) ** 2
         self.covariance[first, GEAR, GEAR] += own[first]
@@ -186,7 +190,7 @@ class ThermalState:
         none = np.zeros((count, 3))
         heat, followed = self._resting, np.where(self.has_gear, GEAR, MOTOR)
         rows = np.arange(count)
-        before = self.x[rows, followed] - self.x[:, AMBIENT]
+        before = self.x[rows, followed] - self.x[:, AMBIENT] - self._offset
         windows, rest = divmod(duration_ns, WINDOW_NS)
         for length, times in ((WINDOW, int(windows)), (rest * NANOSECOND, int(rest > 0))):
             if times:
@@ -194,7 +198,7 @@ class ThermalState:
                 slope = np.linalg.matrix_power(slope, times)
                 self._advance(slope, np.zeros((count, 5)), length * times)
         if self.has_gear.any():
-            left = self.x[rows, followed] - self.x[:, AMBIENT]
+            left = self.x[rows, followed] - self.x[:, AMBIENT] - self._offset
             first, last = (np.maximum(np.abs(above), LEAST) for above in (before, left))
             off = GEAR_START_SHARE * last * np.log(first / last)
             self.covariance[:, GEAR, GEAR] += off**2
@@ -220,6 +224,7 @@ class ThermalState:
         slope[:, GEAR, AMBIENT] += to_air
         slope[:, GEAR, GEAR] = kept
         added[:, GEAR] = (1.0 - kept) * gear.per_watt * worked[:, 2] + to_motor * added[:, MOTOR]
+        added[:, GEAR] += to_air * self._offset
         return slope, added
 
     def _advance(self, slope: Float, added: Float, duration: float) -> None:

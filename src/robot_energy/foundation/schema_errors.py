@@ -21,14 +21,15 @@ MAX_WORD = 60  # characters of a key or value that are shown
 
 # What was expected, by pydantic's type of error; the braces are filled from its context.
 EXPECTED = {
-    "bool_parsing": "true or false",
-    "bool_type": "true or false",
-    "float_parsing": "a number",
-    "float_type": "a number",
+    **dict.fromkeys(("bool_parsing", "bool_type"), "true or false"),
+    **dict.fromkeys(("float_parsing", "float_type"), "a number"),
+    **dict.fromkeys(("int_parsing", "int_type", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list"),
+    **dict.fromkeys(
+        ("datetime_parsing", "datetime_from_date_parsing"),
+        "a date with time, such as 2026-01-31T12:00:00Z",
+    ),
     "finite_number": "a finite number",
-    "int_parsing": "a whole number",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
     "greater_than": "a number greater than {gt}",
     "greater_than_equal": "a number greater than or equal to {ge}",
     "less_than": "a number less than {lt}",
@@ -41,13 +42,9 @@ EXPECTED = {
     "literal_error": "{expected}",
     "union_tag_invalid": "one of {expected_tags}",
     "unknown_kind": "{wanted}",
-    "list_type": "a list",
-    "tuple_type": "a list",
     "too_short": "at least {min_length} entries, found {actual_length}",
     "too_long": "at most {max_length} entries",
     "datetime_type": "a date with time",
-    "datetime_parsing": "a date with time, such as 2026-01-31T12:00:00Z",
-    "datetime_from_date_parsing": "a date with time, such as 2026-01-31T12:00:00Z",
 }
 NO_MAPPING = {"dict_type", "mapping_type", "model_type", "model_attributes_type"}
 

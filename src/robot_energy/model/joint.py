@@ -21,6 +21,8 @@ from robot_energy.model.figure import (
 )
 from robot_energy.model.friction_laws import LawEntry
 
+MAX_FALL = 0.005  # 1/K of a torque constant: magnets of ferrite lose 0.002
+
 
 class Stribeck(ModelEntry):
     """Extra Coulomb torque near standstill, ``torque * exp(-(|w|/velocity)^exponent)``."""
@@ -109,12 +111,14 @@ class JointThermal(ModelEntry):
         return self
 
 
-class JointGear(ModelEntry):
+class JointGear(LateEntry):
     """Temperature of one gear, which its friction then follows instead of that of the motor.
 
     ``C dT_g/dt = P_f - G_m (T_g - T_m) - G_a (T_g - T_a)`` with the friction power P_f, the
     temperature T_m of the motor, measured or estimated, and T_a of the air.
     """
+
+    LATE = ("ambient_offset",)
 
     capacity: Annotated[AboveZero, "C, heat capacity of gear and oil, > 0. [J/K]"]
     motor_conductance: Annotated[PositiveFigure, "G_m, from the gear to the motor. [W/K]"]
@@ -125,6 +129,11 @@ class JointGear(ModelEntry):
         Annotated[float, Field(ge=0)] | None,
         "Standard deviation of the temperature that the figures leave open once the start is "
         "forgotten. [K]",
+    ] = None
+    ambient_offset: Annotated[
+        Number | None,
+        "What the thermometer of the motor shows above ``ambient_degc`` while the joint is as warm "
+        "as the air; absent: 0. [K]",
     ] = None
 
     @model_validator(mode="after")
@@ -190,7 +199,7 @@ Counterbalance = Annotated[TorsionSpring | LeverSpring | GasSpring, Field(discri
 class Joint(LateEntry):
     """One modelled joint and its drive, in the order of the file."""
 
-    LATE = ("torque_constant", "counterbalance", "thermal", "gear")
+    LATE = ("torque_constant", "torque_constant_fall", "counterbalance", "thermal", "gear")
 
     name: Annotated[str, Field(min_length=1), "As in the URDF and in the joint states."]
     gear_ratio: Annotated[
@@ -204,6 +213,12 @@ class Joint(LateEntry):
         "Motor torque per ampere that the driver reports as effort; only the effort "
         "``motor_current`` needs it. Negative where a positive current turns the motor backward. "
         "[N m/A]",
+    ] = None
+    torque_constant_fall: Annotated[
+        PositiveFigure | None,
+        "beta: share of the torque constant that is lost per kelvin of the motor above 20 degC, as "
+        "warm magnets are weaker. A torque known by its current is multiplied by ``1 - beta (T - "
+        "20)``; copper losses follow the torque over that. At most 0.005; absent: none. [1/K]",
     ] = None
     standstill_velocity: Annotated[
         Number,
@@ -239,4 +254,7 @@ class Joint(LateEntry):
             raise ValueError("gear_ratio must not be 0")
         if self.torque_constant is not None and self.torque_constant.value == 0:
             raise ValueError("torque_constant must not be 0")
+        fall = self.torque_constant_fall
+        if fall is not None and fall.value > MAX_FALL:
+            raise ValueError(f"torque_constant_fall <= {MAX_FALL:g} 1/K, found {fall.value:g}")
         return self

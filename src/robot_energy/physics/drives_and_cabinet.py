@@ -34,7 +34,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import KindError, ModelFileError
-from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap, LossDrive, LossMap
+from robot_energy.model.drive_models import (
+    DRIVE_MODELS,
+    DriveModel,
+    EfficiencyMap,
+    LossDrive,
+    LossMap,
+)
 from robot_energy.model.schema import Cabinet, RobotModel
 from robot_energy.physics.equations import (
     REFERENCE_DEGC,
@@ -42,8 +48,10 @@ from robot_energy.physics.equations import (
     grid_balance,
     loss_model_power,
 )
+from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 
+COPPER_KEY = "copper_temperature_coefficient"  # of entries whose losses follow the windings
 UNSEEN = 0.5  # probability that a fan runs before any temperature is known
 HALF_WIDTH = 3.0**0.5  # of a uniform distribution, over its standard deviation
 
@@ -90,10 +98,7 @@ class LossModel:
         self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
-        """Return shaft power plus losses, which are never negative.
-
-        Arguments and result as in `Drive.input_power`.
-        """
+        """Return shaft power plus losses, which are never negative, as in `Drive.input_power`."""
         given = shaft_power, motor_velocity, motor_torque, motor_temperature_degc
         return loss_model_power(*given, **self._figures), None
 
@@ -124,10 +129,7 @@ class EfficiencyMaps:
         self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
-        """Return shaft power over the efficiency of the nearest point of the map.
-
-        Arguments and result as in `Drive.input_power`.
-        """
+        """Return shaft power over the efficiency at the nearest point as in `Drive.input_power`."""
         power = np.full_like(shaft_power, np.nan)
         extrapolated = np.zeros(shaft_power.shape, dtype=np.bool_)
         for joint, tree in enumerate(self._trees):
@@ -163,10 +165,7 @@ class LossMaps:
         self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
         motor_temperature_degc: Float,
     ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
-        """Return shaft power plus losses, which are never negative.
-
-        Arguments and result as in `Drive.input_power`.
-        """
+        """Return shaft power plus losses, which are never negative, as in `Drive.input_power`."""
         power, extrapolated = shaft_power.copy(), np.zeros(shaft_power.shape, dtype=np.bool_)
         for joint, (speeds, loads, loss) in enumerate(self._maps):
             faster, heavier = self._beyond[joint]
@@ -184,6 +183,28 @@ class LossMaps:
             power[:, joint] += (x - inside_x) * along_speed + (y - inside_y) * along_load
             extrapolated[:, joint] = outside
         return power, extrapolated
+
+
+class WarmMagnets:
+    """Drives whose windings take more current where warm magnets are weaker.
+
+    Args:
+        drive: Whose losses follow the torque.
+    """
+
+    def __init__(self, drive: Drive, constants: TorqueConstants) -> None:
+        self._drive, self._constants = drive, constants
+
+    def input_power(
+        self, shaft_power: Float, motor_velocity: Float, motor_torque: Float,
+        motor_temperature_degc: Float,
+    ) -> tuple[Float, NDArray[np.bool_] | None]:  # fmt: skip
+        """Return shaft power plus losses at the current that the torque takes.
+
+        Arguments and result as in `Drive.input_power`.
+        """
+        torque = motor_torque / self._constants.left(motor_temperature_degc)
+        return self._drive.input_power(shaft_power, motor_velocity, torque, motor_temperature_degc)
 
 
 def equal_heat_torque(torque: Float, degc: Float, alpha: float) -> Float:
@@ -231,7 +252,17 @@ def drive_from_model(model: RobotModel) -> Drive:
         )
     if kind.physics is None:
         raise KindError(f"the drive model '{kind.name}' has no physics", "a `Drive`")
-    return kind.physics(entries)
+    return with_warm_magnets(kind, kind.physics(entries), TorqueConstants.of(model.joints))
+
+
+def with_warm_magnets(kind: DriveModel, drive: Drive, constants: TorqueConstants | None) -> Drive:
+    """Return drives whose losses follow warm magnets where they follow the temperature at all.
+
+    Args:
+        constants: Of their motors; None where no torque constant falls.
+    """
+    warms = kind.entry is not None and COPPER_KEY in kind.entry.model_fields
+    return drive if constants is None or not warms else WarmMagnets(drive, constants)
 
 
 class FanStage:

@@ -88,15 +88,20 @@ class GearHeat(Described):
     to_motor: Annotated[Float, "G_m / (G_m + G_a). [-]"]
     per_watt: Annotated[Float, "1 / (G_m + G_a). [K/W]"]
     std: Annotated[Float, "Deviation of the temperature that the figures leave open. [K]"]
+    offset: Annotated[
+        Float, "What thermometers of motors show of the air, above its temperature. [K]"
+    ]
 
     @classmethod
     def of(cls, entries: Sequence[JointGear | None]) -> GearHeat:
         """Return the gears that a model file describes; None for one that follows its motor."""
-        rows = [(np.inf, 0.0, 0.0, 0.0) if entry is None else _gear_row(entry) for entry in entries]
-        return cls(*np.array(rows, dtype=np.float64).reshape(-1, 4).T)
+        none = np.inf, 0.0, 0.0, 0.0, 0.0
+        rows = [none if entry is None else _gear_row(entry) for entry in entries]
+        return cls(*np.array(rows, dtype=np.float64).reshape(-1, len(none)).T)
 
 
 def _gear_row(entry: JointGear) -> tuple[float, ...]:
     total = entry.motor_conductance.value + entry.ambient_conductance.value
     time = entry.capacity.value / total
-    return time, entry.motor_conductance.value / total, 1.0 / total, entry.std or 0.0
+    to_motor = entry.motor_conductance.value / total
+    return time, to_motor, 1.0 / total, entry.std or 0.0, entry.ambient_offset or 0.0

@@ -24,12 +24,14 @@ from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.equations import Balance
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
+from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.pipeline.friction_stage import FrictionStage
 from robot_energy.pipeline.friction_timeline import FallbackUse, FrictionTimeline
 from robot_energy.pipeline.settings import Settings
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     Bits,
+    EffortMeaning,
     Float,
     HeldRows,
     Int,
@@ -221,6 +223,9 @@ class PowerStage:
         self._friction = FrictionModel.from_model(model)
         self._supply = SupplyStage(model, settings)
         self._hold = self._supply.hold
+        # The power node does not know the meaning of an effort: then it is that of a motor.
+        by_current = settings.effort is not EffortMeaning.JOINT_TORQUE
+        self._constants = TorqueConstants.of(model.joints) if by_current else None
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
         self._unwatched: list[tuple[Int, Int, Float, Float]] = []  # since `watch` was asked
@@ -302,10 +307,12 @@ class PowerStage:
         torque = rigid + friction
         last = self._hold.last_motion
         direction = last.follow(block.stamp_ns, speed) if self._hold.kept else last.direction
-        wound, held_std = torque, None
+        wound, held_std, measured = torque, None, block.motor_torque_measured
+        if self._constants is not None:
+            measured = measured * self._constants.left(degc)
         if standing.any():
             torque = np.where(standing, self._hold.torque(rigid, direction), torque)
-            wound, held_std = self._hold.in_winding(torque, block.motor_torque_measured, standing)
+            wound, held_std = self._hold.in_winding(torque, measured, standing)
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
         winding = np.where(np.isnan(degc), self._supply.fallback_degc, degc)
@@ -333,8 +340,8 @@ class PowerStage:
             phase=supplied.phase,
             motor_velocity=speed,
             motor_torque=torque,
-            motor_torque_measured=block.motor_torque_measured,
-            shaft_power_measured=block.motor_torque_measured * speed,
+            motor_torque_measured=measured,
+            shaft_power_measured=measured * speed,
             rigid_power=rigid_power,
             friction_power=friction_power,
             drive_loss=drive_loss,

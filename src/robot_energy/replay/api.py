@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, Unpack
 
 import numpy as np
 
-from robot_energy.accounting.averaging import MeanBlock
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import BagError, ParameterError
@@ -31,7 +30,6 @@ from robot_energy.results.replay import (
     condition_report,
     replay_report,
 )
-from robot_energy.timeline.blocks import PowerBlock
 from robot_energy.timeline.pieces import Compared
 from robot_energy.timeline.time_series import TimeSeries
 
@@ -114,20 +112,18 @@ def replay(
     if temperature is not None:
         used, change = fixed_friction(used, temperature)
     by_period = options.get("power_period") is not None
-    blocks: list[PowerBlock] = []
-    means: list[MeanBlock] = []
+    blocks: list[Any] = []
 
     def take(output: Output) -> None:
-        if not by_period and output.power is not None:
-            blocks.append(output.power)
-        if by_period and output.means is not None:
-            means.append(output.means)
+        block = output.means if by_period else output.power
+        if block is not None:
+            blocks.append(block)
 
     setup = ReplaySetup.of(options)
     pieces: list[Compared] = []
     result = bag_replay.replay(bag, used, setup, on_output=take, on_compared=pieces.append)
     compared, names = pieces if result.topics.meter else None, used.joint_names
-    power = power_table(blocks or means, names, compared, used.unmodelled)
+    power = power_table(blocks, names, compared, used.unmodelled)
     report = replay_report(result, change)
     return ReplayResult(
         bag=result.bag,

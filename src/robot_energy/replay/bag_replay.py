@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -189,7 +189,7 @@ def replay(
     if processes > 1 and not can_read_ahead():
         result.notes.append("this system cannot fork processes: the bag was read by one")
         processes = 1
-    try:
+    with writer or nullcontext():
         spans = _spans(bag, result, setup.time_range) if setup.time_range else {}
         changes: list[PayloadChange] = []
         with closing(
@@ -222,12 +222,6 @@ def replay(
         if on_reading is not None:
             on_reading(pipeline.account, 0)
         _cover_recording(result)
-        if writer is not None:
-            writer.close()
-    except BaseException:
-        if writer is not None:
-            writer.discard()
-        raise
     return result
 
 
@@ -253,8 +247,10 @@ def _outputs(
                 for name, (readings, states) in step.auxiliary.items():
                     pipeline.account.auxiliary.take(name, readings, states)
             if step.inputs is None or step.stages is None:
-                inputs = {"temperatures": step.temperatures, "meter": step.meter}
-                yield pipeline.step(**inputs, torque=step.torque), step.changes
+                output = pipeline.step(
+                    torque=step.torque, temperatures=step.temperatures, meter=step.meter
+                )
+                yield output, step.changes
             else:  # as they are in the process that has read
                 read = step.inputs
                 result.joint_states, result.temperatures = read.joint_states, read.temperatures

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from robot_energy.pipeline.torque_stage import PayloadChange
 from robot_energy.timeline.blocks import FrictionBlock
 
 
-class EnergyBagWriter:
+class EnergyBagWriter(AbstractContextManager["EnergyBagWriter"]):
     """Writes the energy topics into a new bag, which is made at the first torque."""
 
     TOPICS: ClassVar = {
@@ -77,13 +78,9 @@ class EnergyBagWriter:
                 self._open().write(registers, np.array([now]), row)
             self._counted_ns = now
 
-    def close(self) -> None:
+    def __exit__(self, *error: Any) -> None:
         if self._bag is not None:
-            self._bag.close()
-
-    def discard(self) -> None:
-        if self._bag is not None:
-            self._bag.discard()
+            self._bag.__exit__(*error)
 
     def _open(self) -> BagWriter:
         if self._bag is None:

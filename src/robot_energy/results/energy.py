@@ -217,7 +217,7 @@ def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> Energy
         for name, variance in by_name.items()
         if variance > 0
     ]
-    count = calibration.readings
+    count, inside, parametric = calibration.counts.sum(axis=0).tolist()
     return EnergyUncertainty(
         std=band.std,
         band=band.kind.name.lower(),
@@ -225,8 +225,8 @@ def uncertainty_of(account: EnergyAccount, joint_names: Sequence[str]) -> Energy
         upper=net + band.half,
         half_relative=band.half / net if net > 0 else None,
         readings=count,
-        inside=calibration.inside / count if count else None,
-        inside_parametric=calibration.inside_parametric / count if count else None,
+        inside=inside / count if count else None,
+        inside_parametric=parametric / count if count else None,
         contributions=tuple(sorted(found, key=lambda one: -one.std)),
     )
 

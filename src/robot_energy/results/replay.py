@@ -313,7 +313,7 @@ def _notes(result: Replay) -> list[str]:
     elif not account.comparison.compared_ns:
         notes.append("no reading of the power meter covers any of the predicted time")
     notes += [result.meter.refused] if result.meter.refused else []
-    notes += account.judgement.findings(account.comparison)
+    notes += account.judgement.findings(account.comparison, ended=True)
     lag = account.comparison.response.sentence
     notes += [lag] if lag else []
     counter = account.comparison.curve.counter

@@ -68,6 +68,7 @@ class AccountStore(SlotStore[AccountRecord]):
         slots: Their state files; None keeps nothing.
 
     Attributes:
+        folder: Where the state files lie; None keeps nothing.
         loaded: Whether the state files were read, so that this is the robot's account.
         sequence: Number of our newest checkpoint; 0 before the first.
     """
@@ -82,14 +83,11 @@ class AccountStore(SlotStore[AccountRecord]):
         super().__init__(slots, submit)
         self.account = account
         self.loaded = slots is None
+        self.folder = None if slots is None else slots.folder
         self._identity = identity
         self.sequence = 0
         self._aside: AccountRecord | None = None  # the robot's, while the account counts another's
         self._attempted = 0  # `sequence`, or that of a write that failed and may yet be on disk
-
-    @property
-    def keeps(self) -> bool:
-        return self._slots is not None
 
     @property
     def is_aside(self) -> bool:
@@ -111,10 +109,6 @@ class AccountStore(SlotStore[AccountRecord]):
     @property
     def busy(self) -> bool:
         return self._pending is not None
-
-    @property
-    def folder(self) -> Path | None:
-        return None if self._slots is None else self._slots.folder
 
     def poll(self) -> bool | None:
         """Take the result of the disk's work: see `SlotStore`."""

@@ -173,7 +173,9 @@ class SlotPair(Generic[T]):
             existed = path.exists()
             file = self._open_slot(path)
             try:
-                _write_all(file, content)
+                done = 0
+                while done < len(content):
+                    done += os.pwrite(file, content[done:], done)
                 os.ftruncate(file, len(content))
                 os.fsync(file)
             finally:
@@ -313,12 +315,6 @@ def _wrapped(error: OSError, path: Path) -> StateFileError:
         "a folder that can be written, on a disk with space",
         "counting goes on in memory and the next checkpoint tries again",
     )
-
-
-def _write_all(file: int, content: bytes) -> None:
-    done = 0
-    while done < len(content):
-        done += os.pwrite(file, content[done:], done)
 
 
 Submit = Callable[[Callable[[], Any]], "Future[Any]"]

@@ -55,7 +55,11 @@ MARGIN = 0.2  # s of the rests at both ends
 
 
 def speeds(
-    path: str, evidence: RecordedEvidence, model: RobotModel, options: ReplayOptions, named: str
+    path: str,
+    evidence: RecordedEvidence,
+    model: RobotModel,
+    options: ReplayOptions,
+    named: str,
 ) -> Claim | None:
     """Return what other speeds save, by the moves of the first part between rests.
 
@@ -324,7 +328,10 @@ def _recorded(
     return found
 
 
-def _basis(evidence: RecordedEvidence, options: AdviseOptions) -> AdviceBasis:
+def _basis(
+    evidence: RecordedEvidence,
+    options: AdviseOptions,
+) -> AdviceBasis:
     span = 0.0
     if evidence.start_ns is not None and evidence.end_ns is not None:
         span = (evidence.end_ns - evidence.start_ns) * NANOSECOND

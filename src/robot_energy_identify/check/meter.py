@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
+from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
 from robot_energy_identify.check import remedies
@@ -177,14 +178,16 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
     if isinstance(found, str):
         return [unjudged("meter_clock", ("meter",), "the clock of the meter", found)]
     lag, gain = found.lag, found.gain
-    if abs(lag) < MIN_LAG or not found.shown:
+    stated = MeterResponse.of(evidence.model) or MeterResponse()
+    late = lag - stated.time_constant - stated.delay
+    if min(abs(lag), abs(late)) < MIN_LAG or not found.shown:
         return []
     return [
         Finding(
             "meter_clock", ERROR, ("meter",),
             f"the meter is {abs(lag):.2f} s {'behind' if lag > 0 else 'ahead of'} the joint states "
             f"(shifted, the prediction explains {100 * gain:.0f} % of what is left unexplained)",
-            lag, *remedies.meter(evidence, delay=lag),
+            lag, *remedies.meter(evidence, delay=late),
         )
     ]  # fmt: skip
 

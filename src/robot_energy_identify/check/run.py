@@ -72,7 +72,6 @@ class Checks(Described):
     skipped: Annotated[dict[str, str], "Checks that were not made, with what they lack."]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
-        """Return them with errors first."""
         named = f"{model.robot.type}, id {model.model_id}"
         found = [one for group in self.findings.values() for one in group]
         found.sort(key=lambda entry: SEVERITIES.index(entry.severity))
@@ -87,10 +86,7 @@ def check(
     inputs: Inputs | None = None,
     time_range: TimeRange | None = None,
 ) -> CheckResult:
-    """Return whether a recording fits a model, and what is wrong if not, errors first.
-
-    Memory does not grow with the recording.
-    """
+    """Return whether a recording of any length fits a model, and what is wrong, errors first."""
     return check_together([path], model, effort, inputs, time_range)[0]
 
 

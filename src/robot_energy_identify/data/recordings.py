@@ -55,6 +55,9 @@ EVER: tuple[int, int] = (-(2**62), 2**62)  # ns: all stamps
 MINUTE = 60_000_000_000  # ns
 AROUND = 5_000_000_000  # ns around a minute, in which readings of the meter belong to it
 SPREAD = 600.0  # s of motion for what does not change over a recording: delays, the DC link
+MOTION = (
+    "stamp_ns", "segment", "quality", "joint_position", "joint_velocity", "joint_acceleration",
+)  # fmt: skip
 OF_MOTION = (
     "urdf", "urdf_xml", "gravity", "massless_links", "coupling", "payload", "temperature", "hold",
 )  # fmt: skip  # of a model, besides the joints, decides torque, friction and temperature
@@ -205,17 +208,8 @@ class Recording(Described):
         for change in () if self.replay is None else self.replay.payload.changes:
             stage.set_payload(change.payload, change.from_ns)
         unknown = np.full_like(block.joint_position, np.nan)
-        torque = stage.plan(
-            JointBlock(
-                block.stamp_ns,
-                block.segment,
-                block.quality,
-                block.joint_position,
-                block.joint_velocity,
-                block.joint_acceleration,
-                unknown,
-            )
-        )
+        motion = {name: getattr(block, name) for name in MOTION}
+        torque = stage.plan(JointBlock(**motion, joint_effort=unknown))
         assert torque is not None
         torque = replace(torque, motor_torque_measured=block.motor_torque_measured)
         powers = _powers(torque, self.temperatures, self.meter, model, settings)
@@ -300,7 +294,6 @@ def spread(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings that have a power meter."""
     metered = [part for part in recordings if part.meter is not None]
     if not metered:
         raise NotIdentifiableError(
@@ -354,7 +347,7 @@ def read_recording(
         settings = replace(settings, **gaps)
     setup = ReplaySetup(settings=settings, inputs=inputs, time_range=time_range, progress=progress)
     result = replay(path, model, setup, on_output=kept.take)
-    torque, power = kept.torque(), kept.power()
+    torque, power, meter, temperatures = kept.blocks()
     max_power, wraps_at, _ = result.meter.source.limits
     if torque is None or power is None:
         raise BagError(f"{path} gives not one torque", "a recording of several samples")
@@ -363,12 +356,12 @@ def read_recording(
         model,
         torque,
         power,
-        kept.meter(),
+        meter,
         result.origin,
         tuple(result.problems),
         limits=MeterLimits(settings.meter_max_gap, max_power, wraps_at),
         replay=result,
-        temperatures=kept.temperatures(),
+        temperatures=temperatures,
         every=kept.every,
         response=MeterResponse.of(model),
     )

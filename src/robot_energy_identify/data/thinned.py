@@ -53,7 +53,6 @@ class Thinned:
         self._seen = [0, 0]  # torques and powers, which belong together row by row
 
     def take(self, output: Output) -> None:
-        """Keep what one step gave."""
         if output.torque is not None:
             self._torque.append(self._rows(output.torque, 0))
         if output.power is not None:
@@ -65,33 +64,25 @@ class Thinned:
         while self.held > self._most and 2.0 * self._step() <= LONGEST_STEP:
             self.every *= 2
             self._torque, self._power = _halved(self._torque), _halved(self._power)
-            if self._temperatures:
-                whole = TemperatureBlock.concatenate(self._temperatures)
+            if (whole := _joined(self._temperatures)) is not None:
                 self._temperatures = [_newest(whole)]
 
     @property
     def held(self) -> int:
-        """Samples that are held."""
         return sum(map(len, self._torque))
 
-    def torque(self) -> TorqueBlock | None:
-        """Return the torques that are kept; None for none."""
-        return TorqueBlock.concatenate(self._torque) if self._torque else None
+    def blocks(
+        self,
+    ) -> tuple[TorqueBlock | None, PowerBlock | None, MeterBlock | None, TemperatureBlock | None]:
+        """Return what is kept, None for none; the powers without deviations.
 
-    def power(self) -> PowerBlock | None:
-        """Return the powers that are kept, without deviations; None for none."""
-        return PowerBlock.concatenate(self._power) if self._power else None
-
-    def meter(self) -> MeterBlock | None:
-        """Return all readings of the meter; None for none."""
-        return MeterBlock.concatenate(self._meter) if self._meter else None
-
-    def temperatures(self) -> TemperatureBlock | None:
-        """Return the temperatures as they came, one a second of each motor where it is thinned."""
-        if not self._temperatures:
-            return None
-        whole = TemperatureBlock.concatenate(self._temperatures)
-        return whole if self.every == 1 else _newest(whole)
+        All readings of the meter, and temperatures as they came, one a second of each motor where
+        it is thinned.
+        """
+        degc = _joined(self._temperatures)
+        if degc is not None and self.every > 1:
+            degc = _newest(degc)
+        return _joined(self._torque), _joined(self._power), _joined(self._meter), degc
 
     def _rows(self, block: Kept, kind: int) -> Kept:
         seen = self._seen[kind]
@@ -105,11 +96,13 @@ class Thinned:
         return float(np.median(steps)) * NANOSECOND
 
 
+def _joined(blocks: list[Kept]) -> Kept | None:
+    return blocks[0].concatenate(blocks) if blocks else None
+
+
 def _halved(blocks: list[Kept]) -> list[Kept]:
-    if not blocks:
-        return []
-    whole = blocks[0].concatenate(blocks)
-    return [whole[np.arange(0, len(whole), 2)]]
+    whole = _joined(blocks)
+    return [] if whole is None else [whole[np.arange(0, len(whole), 2)]]
 
 
 def _newest(block: TemperatureBlock) -> TemperatureBlock:

@@ -18,6 +18,7 @@ from robot_energy.physics.drives_and_cabinet import Drive, FanStage
 from robot_energy.physics.drivetrain import motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
+from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.timeline.blocks import (
     NANOSECOND,
     EffortMeaning,
@@ -82,6 +83,9 @@ class DriveData(Described):
     fan_power: Annotated[
         Float | None, "Of the fan of the model, shape (N,); None without one. [W]"
     ] = None
+    constants: Annotated[
+        TorqueConstants | None, "Of the motors; None where no torque constant falls."
+    ] = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
@@ -125,8 +129,15 @@ class DriveData(Described):
         """Return the columns of the loss model (`losses.loss_columns`)."""
         part = (rows, joints)
         return loss_columns(
-            self.motor_velocity[part], self.motor_torque[part], self.motor_temperature_degc[part]
+            self.motor_velocity[part], self.heating_torque[part], self.motor_temperature_degc[part]
         )
+
+    @cached_property
+    def heating_torque(self) -> Float:
+        """Torque that the current of the windings says, shape (N, n). [N m]"""
+        if self.constants is None:
+            return self.motor_torque
+        return self.motor_torque / self.constants.left(self.motor_temperature_degc)
 
     def input_power(self, drive: Drive, joints: slice = ALL) -> Float:
         """Return the electrical power that a model of some drives says, shape (N, joints). [W]"""
@@ -181,13 +192,21 @@ class DriveData(Described):
         return len(self.meters)
 
 
-def winding_torque(recording: Recording) -> Float:
+def shaft_torque(recording: Recording) -> Float:
     """Return the torque of the model, at rest the measured one where it is known, (N, n). [N m]"""
     power, model = recording.power, recording.model
     standing = np.abs(power.motor_velocity) <= motor_standstill(model)
-    measured = recording.torque.motor_torque_measured
     effort = EffortMeaning.NONE if recording.replay is None else recording.replay.effort
-    return HoldTorque(model, effort).in_winding(power.motor_torque, measured, standing)[0]
+    hold = HoldTorque(model, effort)
+    return hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)[0]
+
+
+def winding_torque(recording: Recording) -> Float:
+    """Return the torque that the current of the windings says, likewise, shape (N, n). [N m]"""
+    torque, constants = shaft_torque(recording), TorqueConstants.of(recording.model.joints)
+    if constants is None:
+        return torque
+    return torque / constants.left(recording.power.motor_temperature_degc)
 
 
 def drive_data(
@@ -210,7 +229,7 @@ def drive_data(
         [
             np.where(
                 part.sound[:, None],
-                part.torque.motor_torque_measured if measured_torque else winding_torque(part),
+                part.power.motor_torque_measured if measured_torque else shaft_torque(part),
                 np.nan,
             )
             for part in recordings
@@ -246,6 +265,7 @@ def drive_data(
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
         np.concatenate(fans) if isinstance(fans[0], np.ndarray) else None,
+        TorqueConstants.of(recordings[0].model.joints),
     )
 
 

@@ -19,6 +19,8 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS, DriveModel
+from robot_energy.physics.drives_and_cabinet import with_warm_magnets
+from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.drives.drive_data import DriveData
@@ -63,6 +65,9 @@ class AxisSamples(Described):
     window: Annotated[
         Int, "Number of the 0.1 s that each lies in, over which noise is averaged, shape (N,)."
     ]
+    constants: Annotated[
+        TorqueConstants | None, "Of the motor; None where its torque constant does not fall."
+    ] = None
 
 
 class AxisFit(Described):
@@ -262,6 +267,7 @@ class _Fitter:
             data.motor_temperature_degc[rows, joint],
             data.drive_power[rows, joint],
             data.window[rows],
+            None if data.constants is None else data.constants.of_joint(joint),
         )
         return AxisFit(name, losses, reduced, tuple(notes), samples)
 
@@ -316,7 +322,8 @@ class _Fitter:
         for kind, way, fitted in _fitted_kinds():
             entry = _entry(fitted, axis)
             if entry is not None and kind.physics is not None:
-                drive = kind.physics([entry])
+                constants = None if data.constants is None else data.constants.of_joint(joint)
+                drive = with_warm_magnets(kind, kind.physics([entry]), constants)
                 ways[way] = data.input_power(drive, slice(joint, joint + 1))[:, 0]
         second = processed(ways["map"], data.stretch, data.periods, self._cutoff)
         ways["map_processed"] = np.where(np.isfinite(second), second, ways["map"])

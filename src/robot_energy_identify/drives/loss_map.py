@@ -31,7 +31,9 @@ def fit_loss_map(seen: AxisSamples, source: str = "") -> LossMap:
     """Return the loss map of one drive, motor side."""
     velocity, torque = seen.motor_velocity, seen.motor_torque
     speed = np.abs(velocity)
-    load = equal_heat_torque(torque, seen.motor_temperature_degc, COPPER_COEFFICIENT)
+    degc = seen.motor_temperature_degc
+    heating = torque if seen.constants is None else torque / seen.constants.left(degc)
+    load = equal_heat_torque(heating, degc, COPPER_COEFFICIENT)
     row = np.unique(seen.window, return_inverse=True)[1]
     count = int(row.max()) + 1 if len(row) else 0
     if count < MIN_WINDOWS or not (speed.any() and load.any()):

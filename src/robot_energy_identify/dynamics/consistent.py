@@ -27,7 +27,6 @@ ROOT2 = float(np.sqrt(2.0))
 MIN_MASS = 1e-3  # of a link, kg: below, a body has no meaning
 MIN_RADIUS = 0.01  # m: a smaller body than this is not drawn from the prior
 MARGIN = 1e-6  # share of the prior that keeps a pseudo-inertia off the boundary
-INERTIA_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # Ixx Ixy Iyy Ixz Iyz Izz
 
 
 class Prior(Described):
@@ -64,9 +63,8 @@ def second_moments(link: Float) -> Float:
     Args:
         link: m, m c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, shape (10,). [kg] to [kg m^2]
     """
-    inertia = np.empty((3, 3))
-    for value, (row, column) in zip(link[4:10], INERTIA_PLACES, strict=True):
-        inertia[row, column] = inertia[column, row] = value
+    inertia, places = np.empty((3, 3)), np.tril_indices(3)  # Ixx Ixy Iyy Ixz Iyz Izz
+    inertia[places] = inertia.T[places] = link[4:10]
     return 0.5 * float(np.trace(inertia)) * np.eye(3) - inertia
 
 
@@ -142,15 +140,10 @@ def _cones(
     """Rows A and offsets b of ``b - A y in cone``."""
     import clarabel
 
-    blocks: list[Float] = []
-    offsets: list[Float] = []
-    cones: list[Any] = []
-    if positive:
-        block = np.zeros((len(positive), size))
-        block[np.arange(len(positive)), list(positive)] = -1.0  # the scale is positive
-        blocks.append(block)
-        offsets.append(np.zeros(len(positive)))
-        cones.append(clarabel.NonnegativeConeT(len(positive)))
+    # the scales are positive
+    blocks: list[Float] = [-np.eye(size)[list(positive)]]
+    offsets: list[Float] = [np.zeros(len(positive))]
+    cones: list[Any] = [clarabel.NonnegativeConeT(len(positive))]
     basis = np.stack([_upper(pseudo_inertia(unit)) for unit in np.eye(10)], axis=1)
     for link in range(n_links):
         columns = slice(10 * link, 10 * link + 10)
@@ -168,11 +161,7 @@ def _cones(
 
 
 def _upper(matrix: Float, off_diagonal: float = ROOT2) -> Float:
-    """Upper triangle column by column, off-diagonal entries times root 2."""
-    return np.array(
-        [
-            matrix[row, column] * (1.0 if row == column else off_diagonal)
-            for column in range(len(matrix))
-            for row in range(column + 1)
-        ]
-    )
+    """Upper triangle of a symmetric matrix column by column, off-diagonal entries times root 2."""
+    row, column = np.tril_indices(len(matrix))
+    weight: Float = np.where(row == column, 1.0, off_diagonal)
+    return matrix[row, column] * weight

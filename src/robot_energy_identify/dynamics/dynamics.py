@@ -25,15 +25,13 @@ from robot_energy_identify.data.observations import Filters, Observations, Rows,
 from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
-from robot_energy_identify.dynamics.counterbalance import (
+from robot_energy_identify.dynamics.torque_model import (
     NAMES,
     SIGNIFICANT,
-    open_springs,
-    spring_columns,
-)
-from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
     TorqueModel,
+    open_springs,
+    spring_columns,
     standard_columns,
 )
 from robot_energy_identify.dynamics.validation import (

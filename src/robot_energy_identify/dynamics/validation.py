@@ -87,21 +87,14 @@ def predict_held_out(
 
 
 def folds_of(observations: Observations) -> Int:
-    """Return the fold of each row, shape (N,).
-
-    Rows that are compared are shared out evenly; the others go with their neighbours.
-    """
+    """Return the fold of each row, shape (N,); what is not compared goes with its neighbours."""
     place = np.cumsum(observations.compared) - 1
     count = int(observations.compared.sum())
     return contiguous_folds(count)[np.clip(place, 0, count - 1)]
 
 
 def estimate_delay(
-    observations: Observations,
-    weight: Float,
-    prior: Prior,
-    span: float,
-    guard: float,
+    observations: Observations, weight: Float, prior: Prior, span: float, guard: float
 ) -> Delay:
     """Return the delay of the torque, by cross-validation.
 
@@ -227,11 +220,7 @@ def temperature_remark(model: RobotModel) -> str:
 
 
 def remarks(
-    delay: Delay,
-    delay_span: float,
-    in_sample: TorqueError,
-    result: Fit,
-    poor: Sequence[str],
+    delay: Delay, delay_span: float, in_sample: TorqueError, result: Fit, poor: Sequence[str]
 ) -> list[str]:
     """Return what the user should know about a result, one sentence each.
 

@@ -25,7 +25,6 @@ SHARPNESS = 100.0  # of the smooth maximum: above the true one by at most ln(2 N
 HEIGHT_SCALE = 1.0  # m: a tool 1 cm too low counts as 1 % over
 RAMP = 0.5  # s to full speed, where nothing is known of the acceleration
 STEP = 1e-6  # of numerical derivatives, share of a limit
-KINDS = ("position", "velocity", "acceleration", "torque", "floor")
 
 
 class Floor(Described):
@@ -101,10 +100,7 @@ class ExcitationLimits:
             self.robot.link_position(self.middle, floor.link)  # refuses an unknown link
 
     def joint_torque(self, motion: Trajectory) -> Float:
-        """Return the torque that drives must give, friction, rotors and payload included.
-
-        Joint side, shape (N, n) [N m] or [N]; friction at the fallback temperature of the model.
-        """
+        """Return torque of drives, friction at the fallback temperature, (N, n). [N m] or [N]"""
         chain, acceleration = self._drivetrain, motion.joint_acceleration
         torque = self.robot.joint_torque(motion.joint_position, motion.joint_velocity, acceleration)
         rigid = chain.motor_torque_from_joint(torque) + chain.rotor_torque(acceleration)

@@ -143,10 +143,10 @@ def fit_constant(data: FrictionData, source: str) -> tuple[ConstantLaw, Fit]:
 
 
 def constant_law(viscous: PositiveFigure, degc: Float) -> ConstantLaw:
-    """A constant for the temperatures of its samples, and those that do not differ from them.
+    """Return a constant for the temperatures of its samples, and for those next to them.
 
     Args:
-        degc: Of the samples; NaN where they are not known. [degC]
+        degc: Of the samples; NaN where they are not known, shape (N,). [degC]
     """
     low, high = float(np.min(degc)), float(np.max(degc))
     fitted = (round(min(low, high - MIN_RANGE), 1), round(max(high, low + MIN_RANGE), 1))

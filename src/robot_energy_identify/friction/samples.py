@@ -78,6 +78,9 @@ class FrictionData(Described):
         Float,
         "Size of the rigid motor torque, shape (N,); empty where bodies are not modelled. [N m]",
     ] = field(default_factory=partial(np.empty, 0))
+    rigid: Annotated[
+        Float, "Rigid motor torque, shape (N,); empty where bodies are not modelled. [N m]"
+    ] = field(default_factory=partial(np.empty, 0))
     saturation: Annotated[
         float,
         "Load beyond which friction by load, the first nuisance, rises no further; NaN where it "
@@ -106,8 +109,9 @@ class FrictionData(Described):
         }
         if len(self.stamp_ns):
             kept["stamp_ns"] = self.stamp_ns[mask]
-        if len(self.load):
-            kept["load"] = self.load[mask]
+        for name in ("load", "rigid"):
+            if len(values := getattr(self, name)):
+                kept[name] = values[mask]
         changes = {cause: change[mask] for cause, change in self.changes.items()}
         return replace(self, **kept, changes=changes)
 
@@ -185,6 +189,7 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
         sensors.thermometer,
         np.concatenate([part.stamp_ns for part in parts]),
         load=np.concatenate([part.load for part in parts]),
+        rigid=np.concatenate([part.rigid for part in parts]),
     )
 
 
@@ -217,6 +222,7 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
         changes=changes,
         stamp_ns=torque.stamp_ns[starts],
         load=np.abs(rigid),
+        rigid=rigid,
     )
 
 

@@ -109,10 +109,7 @@ def _expanded(path: Path, arguments: Sequence[str]) -> str:
 
 
 def _reason(said: str) -> str:
-    """Return what xacro prints of an error, without its warnings, as one line.
-
-    The reason comes first; below it stand the expression, the macros and the files.
-    """
+    """Return what xacro prints of an error, its reason first, without warnings, in a line."""
     lines = [line.strip() for line in said.splitlines()]
     kept = [line for line in lines if line and not line.startswith("warning:")]
     if "Traceback (most recent call last):" in kept:

@@ -125,10 +125,7 @@ class HeldOutEnergy(Described):
 
     @property
     def worst(self) -> Tested | None:
-        """The recording with the greatest energy error of the final model.
-
-        Among those at temperatures of their fit, where there is any.
-        """
+        """The recording of those `judged` with the greatest energy error of the final model."""
         last = self.stages[-1]
         return max(self.judged, key=lambda entry: abs(entry.error(last)), default=None)
 
@@ -166,18 +163,17 @@ def held_out_energy(
     folds: Sequence[Fold],
     whole: FullIdentification,
     skip: Sequence[Subject] = (),
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> HeldOutEnergy:
     """Return the test of the whole; a step that a fold does not allow keeps the model before it.
 
     Args:
-        progress: Called with what is going on and the share done. [-]
+        progress: Called with the share done. [-]
     """
     stages = (GIVEN, *(step.subject for step in whole.steps))
     tested: list[tuple[int, Tested]] = []  # with the place among the bags
     for number, fold in enumerate(folds):
-        if progress is not None:
-            progress("testing", number / len(folds))
+        progress(number / len(folds))
         # every choice is made again without the held-out data
         # a part of the recordings may be too little for a plausible step
         fitted = (

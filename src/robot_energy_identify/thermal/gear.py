@@ -39,6 +39,7 @@ HIGHEST = np.array([np.log(36000.0), 1.0, np.log(300.0), np.log(150.0)])
 """Middle, spread and bounds of the figures: logarithm of the time constant [s]; G_m / (G_m + G_a);
 logarithm of the rise by the mean friction power [K]; logarithm of c [K]."""
 MAX_START = 40.0  # K of a gear from its motor, at the start of a recording
+MAX_OFFSET = 6.0  # K between two thermometers, three of their usual deviations
 SURE = 4.0  # standard deviations by which a temperature must show in the work of minutes
 SOAKED_SHARE = 0.0
 """`_Axis.share` of recordings of a soaked robot. Whether they are is for the data to say: in short
@@ -400,6 +401,21 @@ class GearsFound(Described):
         return with_ambient(model, self.ambient_degc) if self.fits else model
 
 
+def ambient_offset(data: FrictionData, coldest_degc: float) -> float:
+    """Return what the thermometer of one motor shows of cold air, above the coldest of all. [K]
+
+    After a long rest all are as warm as the air, and differ by what their thermometers are off. It
+    is 0 for a motor that no recording began with that cold.
+
+    Args:
+        coldest_degc: Reading of all motors. [degC]
+    """
+    known = np.isfinite(data.motor_temperature_degc)
+    first = np.unique(data.run[known], return_index=True)[1]
+    offset = max(float(data.motor_temperature_degc[known][first].min()) - coldest_degc, 0.0)
+    return offset if offset <= MAX_OFFSET else 0.0
+
+
 def fit_gears(
     axes: Sequence[FrictionData], ambient_degc: float | None = None, source: str = ""
 ) -> tuple[GearsFound, list[FrictionData]]:
@@ -425,9 +441,11 @@ def fit_gears(
         if not warm[place]:
             continue
         try:
+            offset = 0.0 if ambient_degc is not None else ambient_offset(axis, ambient)
             used[place] = axis = replace(axis, follows_temperature=follows_temperature(axis))
-            fit, used[place] = fit_gear(axis, ambient, source)
-            fits.append(fit)
+            fit, used[place] = fit_gear(axis, ambient + offset, source)
+            gear = fit.gear.model_copy(update={"ambient_offset": offset or None})
+            fits.append(replace(fit, gear=gear))
         except NotIdentifiableError as error:
             refused.append(str(error))
     return GearsFound(ambient, tuple(fits), tuple(refused)), used

@@ -161,7 +161,10 @@ def _temperatures(given: float | tuple[float, float], model: RobotModel) -> Floa
 
 
 def read_form(
-    path: str | Path, model: RobotModel, robot: Robot, options: OptimizeOptions | None = None
+    path: str | Path,
+    model: RobotModel,
+    robot: Robot,
+    options: OptimizeOptions | None = None,
 ) -> ProgramForm:
     """Return a program that can be made cheaper.
 

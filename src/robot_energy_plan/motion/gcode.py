@@ -16,7 +16,11 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.foundation.files.regular_file import read_regular
 from robot_energy_plan.motion.gcode_flavors import ACCELERATIONS, FoundFlavor, flavor_of
-from robot_energy_plan.motion.gcode_machine import MAX_SPEED, MIN_SPEED, ProgramMachine
+from robot_energy_plan.motion.gcode_machine import (
+    MAX_SPEED,
+    MIN_SPEED,
+    ProgramMachine,
+)
 from robot_energy_plan.motion.tool_corners import ToolPath
 
 MAX_BYTES = 64 * 1024 * 1024

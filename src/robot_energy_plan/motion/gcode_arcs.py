@@ -59,7 +59,8 @@ def arc_shape(
         one, two = names
         wrong = f"R together with {one} or {two}" if by_radius else f"no {one}, {two} or R"
         raise MotionError(
-            f"an arc with {wrong}", f"the centre by {one} and {two}, or the radius by R"
+            f"an arc with {wrong}",
+            f"the centre by {one} and {two}, or the radius by R",
         )
     if by_radius:
         centre = _centre_by_radius(first, last, words["R"], clockwise)

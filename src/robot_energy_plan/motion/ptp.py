@@ -344,16 +344,6 @@ def random_program(
             like the others. [rad] or [m]
     """
     share = np.broadcast_to(np.asarray(zone, dtype=np.float64), limits.lower.shape)
-    if not ((share > 0) & (share <= 1)).all():
-        raise MotionError(f"the zone is {zone}", "shares of the joint ranges in (0, 1]")
-    if moves < 2:
-        raise MotionError(f"a program of {moves} motions was asked for", "at least 2")
-    if not (np.isfinite(limits.lower).all() and np.isfinite(limits.upper).all()):
-        raise MotionError(
-            "a joint has no position limits",
-            "finite limits on every joint",
-            "give limits to continuous joints before drawing random motions",
-        )
     generator = np.random.default_rng(seed)
     middle = 0.5 * (limits.lower + limits.upper)
     reach = 0.5 * share * (limits.upper - limits.lower)

@@ -388,9 +388,7 @@ class ToolMotion:
 
         before = MARGIN if first == 0 else 0  # the robot rests before the start
         after = MARGIN if first + len(joints) == self._count else 0  # and after the end
-        known = np.concatenate(
-            [np.repeat(joints[:1], before, axis=0), joints, np.repeat(joints[-1:], after, axis=0)]
-        )
+        known = np.pad(joints, ((before, after), (0, 0)), mode="edge")
         knots = np.arange(first - before, first + len(joints) + after) * self._step
         spline = make_interp_spline(knots, known, k=DEGREE)
         rows = slice(begin - first, end - first)

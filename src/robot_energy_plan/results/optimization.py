@@ -273,7 +273,9 @@ def _at(task: Task, index: int) -> Task:
     table = task.table
     use, held, braked = (
         replace(
-            one, energy=one.by_temperature[:, index], by_temperature=one.by_temperature[:, [index]]
+            one,
+            energy=one.by_temperature[:, index],
+            by_temperature=one.by_temperature[:, [index]],
         )
         for one in (table.use, table.held, table.braked)
     )

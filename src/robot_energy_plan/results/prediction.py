@@ -6,7 +6,11 @@ import numpy as np
 
 from robot_energy.model.drive_models import DRIVE_MODELS
 from robot_energy.model.payload import Payload
-from robot_energy.results.auxiliary import AuxiliaryReport, auxiliary_report, missing_sentences
+from robot_energy.results.auxiliary import (
+    AuxiliaryReport,
+    auxiliary_report,
+    missing_sentences,
+)
 from robot_energy.results.base import Number, Result, Texts, count_tags
 from robot_energy.results.energy import (
     EnergyBreakdown,

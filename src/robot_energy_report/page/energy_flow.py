@@ -84,15 +84,12 @@ class FlowPicture(Described):
 
 
 def rounded_parts(parts: Sequence[float], unit: float, total: int | None = None) -> list[int]:
-    """Round parts to whole units that sum to the rounded sum (largest remainder).
+    """Return parts as whole units, less than one off each, that sum to the rounded sum.
 
     Args:
         parts: Finite terms of a sum, of any sign. [W] or [J]
         unit: Size of a unit, > 0. [W] or [J]
         total: What they sum to, less than one unit a part from it; None: their rounded sum. [units]
-
-    Returns:
-        Whole units; each is less than one unit from its part.
     """
     scaled = [part / unit for part in parts]
     whole = [math.floor(part) for part in scaled]
@@ -104,14 +101,11 @@ def rounded_parts(parts: Sequence[float], unit: float, total: int | None = None)
 
 
 def unit_for(largest: float, base: float = 1.0) -> float:
-    """Return a unit, a power of ten times ``base``, in which a size has a readable digit count.
+    """Return ``base`` times a power of ten, not below 1e-3, that leaves a readable count of digits.
 
     Args:
         largest: The largest size shown. [W] or [J]
         base: What one displayed unit is, such as 3600 for a size in J shown in Wh. [W] or [J]
-
-    Returns:
-        The unit: ``MAX_SHOWN`` - 1 or fewer digits, at most three after the point.
     """
     if not largest > 0 or not math.isfinite(largest):
         return base

@@ -9,9 +9,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from robot_energy.foundation.described import Described
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.robot_state import RobotState
 from robot_energy_report.page.settings import PageSettings
@@ -26,15 +25,9 @@ Control = Callable[[str, str, str], "Future[tuple[bool, str]]"]
 """Does an action for a robot with a text (name of a job, reason); gives success and a sentence."""
 
 
-class PageEvents(Described):
-    """What the pages that show one robot were last sent, or all pages if there are few robots."""
-
-    number: int = 0
-    state_number: Annotated[int, "``number`` of the tick of the last complete state."] = 0
-    fleet_number: int = 0
-    power: bytes = b""
-    state: bytes = b""
-    fleet: bytes = b""
+EVENTS = ("state", "fleet", "power")  # in the order in which they are sent
+PageEvents = dict[str, tuple[int, bytes]]
+"""What pages that show one robot, or few, were last sent: of each kind the number of its tick."""
 
 
 @dataclass
@@ -80,20 +73,17 @@ class PageHub:
         with self.lock:
             self._number += 1
             full, overview = self._is_due("state", now), self.many and self._is_due("fleet", now)
-            fleet = _event("fleet", self._fleet(now)) if overview else b""
+            fleet = (self._number, _event("fleet", self._fleet(now))) if overview else None
             before, self.events = self.events, {}
             for name in {"", *(self.watched if self.many else ())}:
-                last = before.get(name, PageEvents())
-                whole = full or not last.state
+                own = self.events[name] = dict(before.get(name, {}))
+                if full or "state" not in own:
+                    own["state"] = self._number, _event("state", self._state(now, name))
+                if fleet is not None:
+                    own["fleet"] = fleet
                 powers = [robot.power(now) for robot in self.whole(name)]
-                self.events[name] = PageEvents(
-                    self._number,
-                    self._number if whole else last.state_number,
-                    self._number if fleet else last.fleet_number,
-                    _event("power", {"number": self._number, "robots": powers}),
-                    _event("state", self._state(now, name)) if whole else last.state,
-                    fleet or last.fleet,
-                )
+                power = _event("power", {"number": self._number, "robots": powers})
+                own["power"] = self._number, power
         if self.on_tick is not None:
             self.on_tick()
 
@@ -105,7 +95,7 @@ class PageHub:
     def events_of(self, name: str) -> PageEvents:
         """Return what the pages that show a robot were last sent; call it under no lock."""
         events = self.events
-        return events.get(name) or events.get("") or PageEvents()
+        return events.get(name) or events.get("", {})
 
     def whole(self, name: str) -> list[RobotState]:
         """Return the robots that a page gets whole: all, or of many the one named, or the first."""

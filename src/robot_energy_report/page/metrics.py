@@ -31,11 +31,6 @@ class Metric(Described):
     labels: Annotated[Labels, "Names of the labels; the first is ``robot``."] = ("robot",)
     counter: Annotated[bool, "Whether it only grows, from ``energy_start`` on."] = False
 
-    @property
-    def sample(self) -> str:
-        """Name of its samples, as queries use it."""
-        return f"{self.name}_total" if self.counter else self.name
-
 
 METRICS = {
     metric.name: metric

@@ -143,16 +143,14 @@ class RobotState:
 
     def power(self, now: float) -> dict[str, Any]:
         """Return the figures that change several times a second; as in `RobotState.take_power`."""
-        newest = self._newest
-        stale = self.stale(now)
+        newest, stale = self._newest, self.stale(now)
         if newest is None:
             return {"stale": stale, "time": None}
-        shown_now = {name: None if stale else json_number(newest[name], 5) for name in POWERS}
         return {
             "stale": stale,
             "time": newest["stamp_ns"] * NANOSECOND,
             "phase": Phase.UNKNOWN.name if stale else Phase(newest["phase"]).name,
-            **shown_now,
+            **{name: None if stale else json_number(newest[name], 5) for name in POWERS},
             "live": self.rings["live"].table(2),
         }
 
@@ -165,6 +163,7 @@ class RobotState:
         newest, stale = self._newest, self.stale(now)
         location = MeterLocation(newest["meter_location"]) if newest else MeterLocation.UNKNOWN
         seen = newest is not None and not stale
+        mean, n = self._mean() if seen else None, len(self._joint_names)
         registers, loads = self._registers, () if newest is None else newest["auxiliary"]
         flow = None if registers is None else registers_picture(registers)
         return {
@@ -173,11 +172,16 @@ class RobotState:
             "meter": location.name,
             "power": self.power(now),
             **{name: json_number(newest[name], 4) if newest and seen else None for name in STATE},
-            "means": self._means() if seen else None,
-            "joints": self._joints(now),
+            "means": None
+            if mean is None
+            else {
+                name: json_number(value, 5)
+                for name, value in zip(TOTALS + POWERS, mean[3 * n :].tolist(), strict=True)
+            },
+            "joints": self._joints(seen, mean),
             "auxiliary": load_rows(loads, (registers or {}).get("auxiliary", ()), seen),
             "outlet_power": json_number(newest["outlet_power"], 5) if newest and seen else None,
-            "flow": self._power_flow() if seen else None,
+            "flow": None if mean is None else self._power_flow(mean),
             "energy_flow": flow and flow.plain(JOULE_PER_WH),
             "phases": [] if registers is None else phase_rows(registers),
             "registers": self._register_values(),
@@ -254,19 +258,7 @@ class RobotState:
         weight = np.where(recent.period > 0, recent.period, 0.0)
         return np.asarray(weight @ recent.parts / weight.sum())
 
-    def _means(self) -> dict[str, Any] | None:
-        mean = self._mean()
-        if mean is None:
-            return None
-        return {
-            name: json_number(float(value), 5)
-            for name, value in zip(TOTALS + POWERS, mean[3 * len(self._joint_names) :], strict=True)
-        }
-
-    def _power_flow(self) -> dict[str, Any] | None:
-        mean = self._mean()
-        if mean is None:
-            return None
+    def _power_flow(self, mean: Float) -> dict[str, Any] | None:
         n = len(self._joint_names)
         rigid, friction, loss = mean[: 3 * n].reshape(3, n).tolist()
         totals = mean[3 * n :][: len(TOTALS)].tolist()
@@ -275,46 +267,33 @@ class RobotState:
             for load in (self._newest or {}).get("auxiliary", ())
             if math.isfinite(load["power"])
         ]
-        parts = FlowParts(self._shown_names(), rigid, friction, loss, *totals, auxiliary=loads)
-        picture = flow_picture(parts)
+        names = [shown(name) for name in self._joint_names]
+        picture = flow_picture(FlowParts(names, rigid, friction, loss, *totals, auxiliary=loads))
         return None if picture is None else picture.plain()
 
-    def _shown_names(self) -> list[str]:
-        return [shown(name) for name in self._joint_names]
-
-    def _joints(self, now: float) -> list[dict[str, Any]]:
-        newest, mean = self._newest, self._mean()
-        if newest is None:
-            return []
-        live, n = not self.stale(now), len(self._joint_names)
+    def _joints(self, seen: bool, mean: Float | None) -> list[dict[str, Any]]:
+        newest, n = self._newest, len(self._joint_names)
         rows: list[dict[str, Any]] = []
-        for place, (raw, name) in enumerate(
-            zip(self._joint_names, self._shown_names(), strict=True)
-        ):
-            friction = self._friction.get(raw, {})
-            taken, stale_after = friction.get("temperature_time"), friction.get("stale_after")
-            origin = min(friction.get("source", 0), len(TemperatureOrigin) - 1)
-            source = TemperatureOrigin(origin).name
-            old = None if taken is None else newest["stamp_ns"] * NANOSECOND - taken
-            if old is not None and stale_after is not None and old > stale_after:
-                source = TemperatureOrigin.FALLBACK.name
-            if source == TemperatureOrigin.FALLBACK.name and np.isfinite(
-                newest["motor_temperature_degc"][place]
-            ):
-                source = TemperatureOrigin.ESTIMATED.name  # the power monitor has a temperature
-            values = {
-                key: json_number(newest[key][place], 4) if live else None for key in JOINT_STATE
-            }
-            powers = {
-                key: json_number(mean[n * row + place], 4) if live and mean is not None else None
-                for row, key in enumerate(JOINT_POWERS)
-            }
+        for place, name in enumerate(self._joint_names if newest is not None else ()):
+            friction, values = self._friction.get(name, {}), dict[str, float]()
+            origin = TemperatureOrigin(min(friction.get("source", 0), len(TemperatureOrigin) - 1))
+            if newest is not None and seen:
+                values = {key: newest[key][place] for key in JOINT_STATE}
+                taken = friction.get("temperature_time")
+                if taken and newest["stamp_ns"] * NANOSECOND - taken > friction["stale_after"]:
+                    origin = TemperatureOrigin.FALLBACK
+                if origin is TemperatureOrigin.FALLBACK and math.isfinite(
+                    values["motor_temperature_degc"]
+                ):
+                    origin = TemperatureOrigin.ESTIMATED  # the power monitor has a temperature
+            if mean is not None:
+                values |= {key: mean[n * row + place] for row, key in enumerate(JOINT_POWERS)}
+            shown_keys = JOINT_STATE + JOINT_POWERS
             rows.append(
                 {
-                    "name": name,
-                    **values,
-                    **powers,
-                    "temperature_source": source if live else TemperatureOrigin.UNKNOWN.name,
+                    "name": shown(name),
+                    **{key: json_number(values.get(key), 4) for key in shown_keys},
+                    "temperature_source": (origin if seen else TemperatureOrigin.UNKNOWN).name,
                 }
             )
         return rows

@@ -33,7 +33,7 @@ from robot_energy_report.page.history_view import (
     friction_answer,
     savings_answer,
 )
-from robot_energy_report.page.hub import ACTIONS, PageHub
+from robot_energy_report.page.hub import ACTIONS, EVENTS, PageHub
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.metrics import OPENMETRICS, metrics_text
 from robot_energy_report.page.saved_page import FILES, saved_page, static_file
@@ -327,18 +327,12 @@ class EventStream:
     async def _follow(
         self, send: Send, news: asyncio.Event, gone: asyncio.Future[None], name: str
     ) -> None:
-        number = state_number = fleet_number = 0
+        sent: dict[str, int] = {}
         while not gone.done():
             events = self._hub.events_of(name)
-            chunk = b": beat\n\n"
-            if events.number > number:
-                chunk = events.power
-                if events.fleet_number > fleet_number:
-                    chunk = events.fleet + chunk
-                if events.state_number > state_number:
-                    chunk = events.state + chunk
-                number, state_number = events.number, events.state_number
-                fleet_number = events.fleet_number
+            new = [kind for kind in EVENTS if events.get(kind, (0, b""))[0] > sent.get(kind, 0)]
+            chunk = b"".join(events[kind][1] for kind in new) or b": beat\n\n"
+            sent |= {kind: events[kind][0] for kind in new}
             await send({"type": "http.response.body", "body": chunk, "more_body": True})
             try:
                 async with asyncio.timeout(BEAT):

@@ -3,8 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from robot_energy.accounting.comparison import Comparison, NewestMinute
+from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_checks import MeterDiagnostics
+from robot_energy.accounting.meter_response import NewestMinute
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.timeline.pieces import Compared
 

@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import lfilter, lsim
 
 from robot_energy.accounting.comparison import Comparison
+from robot_energy.accounting.meter_checks import MeterDiagnostics
 from robot_energy.accounting.meter_response import MAX_LAG, LagEstimate, MeterResponse, ShownPower
 from robot_energy.timeline.blocks import MeterBlock, MeterLocation, MeterMeaning
 from robot_energy.timeline.pieces import Compared
@@ -269,5 +270,39 @@ def test_a_robot_at_rest_is_compared_at_once():
 
 
 def test_the_cutting_of_the_input_does_not_decide_what_is_set_against_each_other():
-    sums = [compared_for(20.0, cut).swing.sums for cut in (1, 3, 50)]
+    sums = [compared_for(20.0, cut).swing.tolist() for cut in (1, 3, 50)]
     assert sums[0] == sums[1] == sums[2]
+
+
+def still(power, swing=1500.0, cut=1):
+    """Readings at 10 Hz of a robot whose predicted power steps every 1.7 s."""
+    stamp = np.rint(np.arange(0.0, len(power) / 10.0, 0.1) * SECOND).astype(np.int64)
+    predicted = 1500.0 + swing * np.sign(np.sin(2.0 * np.pi * (stamp / SECOND + 0.05) / 3.4))
+    comparison, nothing = Comparison(response=MeterResponse()), np.full(len(stamp), np.nan)
+    for rows in np.array_split(np.arange(len(stamp)), min(cut, len(stamp))):
+        comparison.measure(
+            MeterBlock(stamp[rows], power[rows], nothing[rows], nothing[rows],
+                       MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
+        )  # fmt: skip
+        comparison.predict(stamp[rows], np.zeros(len(rows), dtype=np.int64), predicted[rows])
+    return comparison
+
+
+@pytest.mark.parametrize("cut", [1, 7, 300])
+@pytest.mark.parametrize("value", [743.0, 0.0])
+def test_a_meter_that_repeats_a_reading_while_the_robot_works_is_named(value, cut):
+    power = 1500.0 + 100.0 * np.random.default_rng(1).standard_normal(300)
+    power[100:220] = value
+    one = still(power, cut=cut)
+    (said,) = MeterDiagnostics().findings(one, ended=True)
+    assert said.startswith(f"the meter reads the same {value:g} W for 12 s")
+    assert MeterDiagnostics().findings(one) == []  # it goes on again
+    (now,) = MeterDiagnostics().findings(still(power[:220], cut=cut))
+    assert now.startswith(f"the meter reads the same {value:g} W for 12 s")
+
+
+def test_equal_readings_of_a_robot_at_rest_or_for_a_moment_are_none_of_a_meter_that_stands_still():
+    assert MeterDiagnostics().findings(still(np.full(300, 1400.0), swing=0.0), ended=True) == []
+    power = 1500.0 + 100.0 * np.random.default_rng(1).standard_normal(300)
+    power[100:170] = 743.0
+    assert MeterDiagnostics().findings(still(power), ended=True) == []

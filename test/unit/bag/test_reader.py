@@ -177,7 +177,7 @@ def test_each_foreign_encoding_has_its_remedy(tmp_path, bags, encoding, remedy):
     with bags.foreign_mcap(path) as writer:
         schema = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
         writer.add_message(writer.register_channel("/text", encoding, schema), 0, b"{}", 0)
-    found = f"/text with messages encoded as {encoding}"
+    found = f"/text as sensor_msgs/msg/Imu ({encoding})"
     with refused(MissingTopicError, found=found, remedy=remedy):
         BagReader(path).require("/text", "sensor_msgs/msg/Imu")
 

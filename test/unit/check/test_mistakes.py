@@ -361,6 +361,17 @@ def test_a_clock_that_is_seconds_off_is_found(late, tmp_path):
     assert found.evidence == pytest.approx(late, abs=0.1)
 
 
+def test_a_delay_that_the_model_states_is_no_mistake_of_the_clock(tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", None, delayed(0.25), SECONDS)
+    delay = {"delay": {"value": 0.25, "tag": "identified"}}
+    stated = changed(lambda data: data.update(meter=delay))
+    clocks = [
+        [one for one in check(bag, model, MOTOR_TORQUE).findings if one.cause == "meter_clock"]
+        for model in (load("kr16"), stated)
+    ]
+    assert [len(found) for found in clocks] == [1, 0]
+
+
 def test_without_torque_the_other_checks_are_made():
     result = check(SOUND, load("kr16"))
     assert set(result.skipped) == {"torque"}

@@ -5,6 +5,7 @@ import pytest
 
 import robots
 from robot_energy.certainty.deviation import TEMPERATURE
+from robot_energy.condition.thermal_state import GEAR, ThermalState
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,
@@ -73,6 +74,26 @@ def test_any_cutting_gives_the_same_bits(cut):
     parts = played(EnergyPipeline(wheel()), block, degc, cut=cut)
     np.testing.assert_array_equal(whole.viscous, parts.viscous)
     np.testing.assert_array_equal(whole.grid_power, parts.grid_power)
+
+
+def test_a_thermometer_that_reads_too_high_shifts_its_gear_and_no_deviation():
+    offset, model = 5.0, wheel()
+    gear = model.joints[0].gear
+    found = []
+    for shift in (0.0, offset):
+        own = gear.model_copy(update={"ambient_offset": shift or None})
+        state = ThermalState([None], [own], model.temperature)
+        for _ in range(60):
+            state.work(np.zeros(1), np.array([500.0]))
+            state.take_sensed(np.array([MOTOR + shift]), np.array([True]))
+            if not state.begun.any():
+                state.begin_gears(np.array([True]), state.x[:, 0].copy())
+        state.cool(1800 * S)
+        found.append((state.x[0, GEAR], state.std(GEAR)[0]))
+    (degc, std), (high, high_std) = found
+    assert AIR < degc < MOTOR + 20.0
+    assert high - degc == pytest.approx(offset, rel=1e-9)
+    assert high_std == pytest.approx(std, rel=1e-9)
 
 
 def test_the_range_of_the_law_is_that_of_the_gear():

@@ -102,7 +102,7 @@ import os, signal, sys
 from pathlib import Path
 from robot_energy.foundation.files.placement import OutputPlacement
 placement = OutputPlacement(Path(sys.argv[1]), print, print)
-placement.open_file()
+placement.write_draft(b"")
 os.kill(os.getpid(), signal.SIGKILL)
 """
 

@@ -93,7 +93,7 @@ def test_energy_registers(run):
     assert found.energy_start.sec == 10
     assert found.measured_energy == pytest.approx(200.0 * found.comparison_time)
     assert np.isnan(found.predicted_energy_at_meter)  # 2 s of motion with a lag that is not known
-    account.comparison.swing.sums[2] = 0
+    account.comparison.swing[2] = 0
     found = decode(
         RegistersWriter(model.joint_names, model.model_id).encode(account), "EnergyRegisters"
     )

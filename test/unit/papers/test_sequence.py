@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from robot_energy.foundation.errors import MotionError
 from robot_energy_papers.experiment import Sequence
 from robot_energy_plan.motion import MotionLimits, Program
 
@@ -36,15 +35,3 @@ def test_it_is_continuous_and_samples_may_come_in_any_order():
     order = np.random.default_rng(1).permutation(len(time))
     mixed = SEQUENCE.sample(time[order])
     np.testing.assert_array_equal(mixed.joint_position, path.joint_position[order])
-
-
-@pytest.mark.parametrize(
-    ("parts", "words"),
-    [
-        ([(FIRST, FIRST.period), (Program(-FIRST.via, LIMITS), 5.0)], "part 2 begins 0.8 rad"),
-        ([(FIRST, 0.5), (SECOND, 5.0)], "part 2 begins"),
-    ],
-)
-def test_parts_that_do_not_follow_one_another_are_refused(parts, words):
-    with pytest.raises(MotionError, match=words):
-        Sequence(parts)

@@ -3,7 +3,7 @@
 import pytest
 
 from robot_energy.physics.urdf.checks import parse
-from robot_energy_identify.starter.actuators import read_actuators, without_defaults
+from robot_energy_identify.starter.arm import read_actuators, without_defaults
 
 
 def robot(*more, dynamics=("", "", "")):

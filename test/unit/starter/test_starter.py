@@ -143,7 +143,7 @@ def test_the_missing_effort_limit_is_gravity_and_acceleration_of_a_hand_calculat
     assert elbow.velocity == velocity
     worst = M2 * 9.80665 * C2 + (I2 + M2 * C2**2) * velocity / 0.3
     assert elbow.effort == pytest.approx(worst, rel=1e-3)  # 200 configurations drawn
-    assert "no usable effort limit" in elbow.effort_source
+    assert "no usable effort limit" in elbow.why_effort
     shoulder = arm.joints[0]
     assert (shoulder.effort, shoulder.velocity) == (100.0, 4.0)
     needed = (M1 * C1 + M2 * (L1 + C2)) * G + (I1 + M1 * C1**2) * 4 / 0.3

@@ -56,7 +56,7 @@ def test_nothing_is_kept_without_a_folder():
     books.open()
     books.require()
     assert not books.checkpoint()
-    assert not books.keeps
+    assert books.folder is None
     assert not books.trouble
     assert not books.close()
 

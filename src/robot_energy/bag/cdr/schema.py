@@ -12,19 +12,11 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 _CODES = {
-    "bool": "u1",
-    "byte": "u1",
-    "char": "u1",
-    "uint8": "u1",
-    "int8": "i1",
-    "int16": "i2",
-    "uint16": "u2",
-    "int32": "i4",
-    "uint32": "u4",
-    "int64": "i8",
-    "uint64": "u8",
-    "float32": "f4",
-    "float64": "f8",
+    **dict.fromkeys(("bool", "byte", "char"), "u1"),
+    **{
+        f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint") for size in (1, 2, 4, 8)
+    },
+    **{"float32": "f4", "float64": "f8"},
 }
 
 

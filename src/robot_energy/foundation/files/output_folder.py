@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -36,14 +37,11 @@ class OutputFolder:
     ) -> None:
         self._error = error
         self.path = folder_path(path, error)
-        inputs = tuple(inputs)
+        given = {"overwrite": overwrite, "inputs": tuple(inputs), "error": error}
+        check = partial(check_folder, foreign=foreign, **given)
         remove_remains(self.path)
-        check_folder(path, foreign, overwrite, inputs, error)
-        self._placement = OutputPlacement(
-            self.path,
-            lambda place: check_folder(place, foreign, overwrite, inputs, error),
-            self.failure,
-        )
+        check(path)
+        self._placement = OutputPlacement(self.path, check, self.failure)
         try:
             self._placement.make_folder()
         except BaseException:

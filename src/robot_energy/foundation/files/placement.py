@@ -49,7 +49,7 @@ class OutputPlacement:
         self._lock: int | None = None
         self._made: list[Path] = []  # parents that were not there
         self._identity: tuple[int, int] | None = None  # device and inode of the draft
-        self._closed = False
+        self.closed = False
         self._undone = weakref.finalize(self, _leave, self.draft, os.getpid())
 
     def write_draft(self, data: bytes) -> None:
@@ -103,9 +103,9 @@ class OutputPlacement:
 
     def undo(self) -> None:
         """Put everything back as it was; of no effect once it stands or was undone."""
-        if self._closed:
+        if self.closed:
             return
-        self._closed = True
+        self.closed = True
         with suppress(OSError):
             if self._identity is not None and _identity(self.target) == self._identity:
                 if self.target.is_dir():
@@ -123,10 +123,6 @@ class OutputPlacement:
             with suppress(OSError):
                 os.rmdir(folder)
         self._release()
-
-    def keep(self) -> None:
-        """Leave it where it stands, whatever comes."""
-        self._closed = True
 
     def finish(self) -> None:
         _remove(self._aside)
@@ -197,7 +193,7 @@ def place_all() -> None:
         for placement in {one.target.parent: one for one in waiting}.values():
             placement.sync()
         for placement in waiting:
-            placement.keep()
+            placement.closed = True  # it stays where it stands, whatever comes
         with ExitStack() as stack:  # each is finished, even if one is not
             for placement in waiting:
                 stack.callback(placement.finish)

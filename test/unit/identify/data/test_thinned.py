@@ -42,7 +42,7 @@ def test_what_is_held_does_not_grow_with_the_length_of_a_recording():
         held.append(thinned.held)
     assert samples > 5 * MOST
     assert max(held) <= MOST
-    torque, power, degc = thinned.torque(), thinned.power(), thinned.temperatures()
+    torque, power, _, degc = thinned.blocks()
     assert torque is not None
     assert power is not None
     assert degc is not None

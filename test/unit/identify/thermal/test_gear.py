@@ -14,7 +14,7 @@ from robot_energy.timeline.pieces import Compared
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.friction.friction import fit_laws
 from robot_energy_identify.friction.samples import FrictionData
-from robot_energy_identify.thermal.gear import GearsFound, fit_gear, fit_gears
+from robot_energy_identify.thermal.gear import GearsFound, ambient_offset, fit_gear, fit_gears
 from robot_energy_identify.thermal.gears_by_meter import gears_by_meter
 from warm_wheel import readings, turning, wheel
 
@@ -251,3 +251,27 @@ def test_a_meter_that_shows_no_gear_refuses_it():
     assert "friction follows the motor temperatures" in found.refused[0]
     short = gears_by_meter([recording_of(model, model, 120)], 20.0)
     assert "shows a warm-up" in short.refused[0]
+
+
+def warmer(parts, degc):
+    data = together([part for part, _ in parts])
+    return replace(data, motor_temperature_degc=data.motor_temperature_degc + degc)
+
+
+def test_a_thermometer_that_reads_too_high_shifts_the_air_of_its_gear_alone(recorded):
+    found, _ = fit_gears([warmer(recorded, 0.0), warmer(recorded, 3.0)])
+    right, high = (fit.gear for fit in found.fits)
+    assert right.ambient_offset is None
+    assert high.ambient_offset == pytest.approx(3.0, abs=1e-6)
+    for name in ("capacity", "motor_conductance", "ambient_conductance"):
+        assert getattr(high, name).value == pytest.approx(getattr(right, name).value, rel=1e-3)
+
+
+def test_the_air_that_a_user_gives_is_that_of_all_gears(recorded):
+    found, _ = fit_gears([warmer(recorded, 0.0), warmer(recorded, 3.0)], ambient_degc=AIR)
+    assert [fit.gear.ambient_offset for fit in found.fits] == [None, None]
+
+
+def test_a_motor_that_was_never_as_cold_says_nothing_of_the_air(recorded):
+    assert ambient_offset(warmer(recorded, 6.5), AIR) == 0.0
+    assert ambient_offset(warmer(recorded, 5.5), AIR) == 5.5

@@ -8,7 +8,7 @@ import pytest
 import robots
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.pipeline import EnergyPipeline
-from robot_energy.timeline.blocks import FrictionBlock, Quality, TemperatureBlock
+from robot_energy.timeline.blocks import FrictionBlock, PowerBlock, Quality, TemperatureBlock
 
 S = 10**9
 MASS = 8.0  # kg, of the wheel; its capacity 8 * 900 J/K, its conductance that over an hour
@@ -118,3 +118,26 @@ def test_the_reading_stays_in_use_and_is_flagged():
     assert not stuck[: len(stuck) // 15].any()
     assert (block.power.motor_temperature_degc == 20.0).all()
     assert pipeline.account.counts.quality[Quality.TEMPERATURE_STUCK] == int(stuck.sum())
+
+
+def test_the_same_samples_are_flagged_however_they_are_cut():
+    """Windows end within blocks and between them; the reading changes once it was stuck."""
+    stamp = np.arange(100.0, 4000.0, 0.5)
+    velocity = np.full((len(stamp), 1), 4.0)
+    position = (4.0 * (stamp - 100.0))[:, None]
+    said = np.where(np.arange(390) < 300, 20.0, 40.0)[:, None]
+    readings = TemperatureBlock((np.arange(100, 4000, 10) * S).astype(np.int64), said)
+    found = []
+    for size in (len(stamp), 7):
+        pipeline = EnergyPipeline(robots.one_wheel())
+        pipeline.step(temperatures=readings)
+        outputs = [
+            pipeline.step(robots.joint_block(stamp[rows], position[rows], velocity[rows]))
+            for rows in (slice(row, row + size) for row in range(0, len(stamp), size))
+        ]
+        powers = [output.power for output in (*outputs, pipeline.flush()) if output.power]
+        found.append(PowerBlock.concatenate(powers).quality & np.uint32(Quality.TEMPERATURE_STUCK))
+    whole, cut = found
+    assert 0 < np.count_nonzero(whole) < len(whole)
+    assert not whole[-1]  # it has changed
+    np.testing.assert_array_equal(whole, cut)

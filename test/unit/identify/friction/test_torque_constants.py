@@ -1,0 +1,176 @@
+"""Torque constants that fall, recovered from torque in a warm-up, and refused without one."""
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.physics.torque_constant import TorqueConstants
+from robot_energy.pipeline import EnergyPipeline, Settings
+from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
+from robot_energy_identify.bounds import identified
+from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.drives.drive_data import DriveData, shaft_torque, winding_torque
+from robot_energy_identify.drives.drives import AxisSamples
+from robot_energy_identify.drives.loss_map import fit_loss_map
+from robot_energy_identify.drives.losses import TERMS
+from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.friction.torque_constants import (
+    FallingConstant,
+    at_shaft,
+    find_falls,
+    fit_fall,
+    with_falls,
+)
+from warm_wheel import readings, turning, wheel
+
+FALL = 0.001  # 1/K
+PERIOD = 0.04  # s
+
+
+def recorded(seconds, degc, seed, fall=FALL, load=2.0, run=0, given=None):
+    """One axis that lifts and turns while its motor warms between two temperatures.
+
+    Args:
+        load: Size of the torque of its bodies; the model is ``given`` another one.
+    """
+    rng = np.random.default_rng(seed)
+    count = round(seconds / PERIOD)
+    time = PERIOD * np.arange(count)
+    speed = np.repeat(rng.uniform(20.0, 100.0, -(-count // 25)), 25)[:count]
+    speed *= np.where((time // 2.0) % 2 == 0, 1.0, -1.0)
+    rigid = np.repeat(rng.standard_normal(-(-count // 25)), 25)[:count]
+    motor = np.linspace(*degc, count)
+    viscous = 0.002 + 0.02 * np.exp(-motor / 25.0)
+    friction = 0.3 * np.sign(speed) + viscous * speed + 0.05 * np.sign(speed) * np.abs(load * rigid)
+    read = (load * rigid + friction) / (1.0 - fall * (motor - 20.0))
+    known = (load if given is None else given) * rigid
+    torque = read - known + 0.05 * rng.standard_normal(count)
+    return FrictionData(
+        "axle", speed, torque, motor, 10_000 * run + np.arange(count) // 125,
+        np.full(count, run), np.empty((count, 0)), load=np.abs(known), rigid=known,
+    )  # fmt: skip
+
+
+def together(parts):
+    names = ("motor_velocity", "friction_torque", "motor_temperature_degc", "block", "run")
+    names += ("nuisance", "load", "rigid")
+    return replace(
+        parts[0],
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+    )
+
+
+def test_a_fall_is_found_in_a_warm_up():
+    fall = fit_fall(recorded(1200.0, (20.0, 70.0), 1), "here").fall
+    assert fall.value == pytest.approx(FALL, rel=0.03)
+    assert 0.0 < fall.std < 0.02 * FALL
+    assert (fall.tag, fall.source) == ("identified", "here")
+
+
+def test_bodies_of_another_mass_do_not_look_like_magnets():
+    found = fit_fall(recorded(1200.0, (20.0, 70.0), 2, given=1.6))
+    assert found.fall.value == pytest.approx(FALL, rel=0.05)
+    with pytest.raises(NotIdentifiableError, match="grows by"):
+        fit_fall(recorded(1200.0, (20.0, 70.0), 2, fall=0.0, given=1.6))
+
+
+def test_a_payload_of_the_warm_recording_does_not_look_like_magnets():
+    parts = [
+        recorded(600.0, (20.0, 32.0), 3, fall=0.0),
+        recorded(600.0, (50.0, 62.0), 4, fall=0.0, load=2.1, given=2.0, run=1),
+    ]
+    with pytest.raises(NotIdentifiableError, match="grows by"):
+        fit_fall(together(parts))
+
+
+def test_soaked_recordings_do_not_show_it():
+    parts = [
+        recorded(60.0, (degc, degc + 2.0), run, run=run)
+        for run, degc in enumerate((20.0, 40.0, 60.0))
+    ]
+    with pytest.raises(NotIdentifiableError, match="warms by 2 K"):
+        fit_fall(together(parts))
+
+
+def test_a_fall_that_no_magnet_has_is_refused():
+    with pytest.raises(NotIdentifiableError, match="grows by"):
+        fit_fall(recorded(1200.0, (20.0, 70.0), 5, fall=0.008))
+
+
+def effort(meaning):
+    return SimpleNamespace(replay=SimpleNamespace(effort=meaning))
+
+
+def test_a_torque_sensor_shows_no_magnets():
+    axes = [recorded(1200.0, (20.0, 70.0), 1)]
+    assert not find_falls([effort(EffortMeaning.JOINT_TORQUE)], axes, "")
+    (found,) = find_falls([effort(EffortMeaning.MOTOR_CURRENT)], axes, "")
+    assert found.name == "axle"
+    (joint,) = with_falls(wheel(), [found]).joints
+    assert joint.torque_constant_fall == found.fall
+    assert with_falls(wheel(), []).joints[0].torque_constant_fall is None
+
+
+def recording_of(model, degc, moving=True):
+    """Seven newton metres by the current, for three seconds."""
+    pipeline = EnergyPipeline(model, Settings(effort=EffortMeaning.MOTOR_TORQUE))
+    block = turning(3.0, effort=np.full(6, 7.0))
+    if not moving:
+        still = np.zeros_like(block.joint_velocity)
+        block = replace(block, joint_position=still, joint_velocity=still)
+    outputs = pipeline.step(block, readings(3, degc)), pipeline.flush()
+    torque, power = (
+        kind.concatenate([part for one in outputs if (part := getattr(one, name)) is not None])
+        for kind, name in ((TorqueBlock, "torque"), (PowerBlock, "power"))
+    )
+    return Recording(Path(), model, torque, power, None, "", ())
+
+
+def falling(fall):
+    return with_falls(wheel(), [FallingConstant("axle", identified(fall, None, ""))])
+
+
+def test_recordings_at_the_shaft():
+    recording = recording_of(wheel(), 70.0)
+    (found,) = at_shaft([recording], falling(0.002))
+    np.testing.assert_allclose(found.torque.motor_torque_measured, 0.9 * 7.0, rtol=1e-15)
+    assert at_shaft([recording], wheel()) == [recording]
+
+
+def test_windings_at_rest_are_heated_by_the_current_that_was_read():
+    recording = recording_of(falling(0.005), 120.0, moving=False)
+    np.testing.assert_allclose(shaft_torque(recording), 3.5, rtol=1e-15)
+    np.testing.assert_allclose(winding_torque(recording), 7.0, rtol=1e-15)
+    plain = recording_of(wheel(), 120.0, moving=False)
+    np.testing.assert_array_equal(winding_torque(plain), shaft_torque(plain))
+
+
+def test_drives_are_identified_with_the_current_of_warm_motors():
+    hot, none = np.full((4, 1), 120.0), np.zeros((4, 1))
+    constants = TorqueConstants(np.array([0.005]))  # half is left
+    torque = np.array([[1.0], [2.0], [-1.0], [0.0]])
+    data = DriveData(
+        ("axle",), np.arange(4), np.zeros(4, int), np.zeros(4, int), none, torque, hot, none,
+        (None,), (MeterLimits(),), np.zeros(4, bool), none, constants=constants,
+    )  # fmt: skip
+    heat = data.loss_columns()[:, 0, TERMS.index("copper")]
+    np.testing.assert_allclose(heat, 1.39 * 4.0 * torque[:, 0] ** 2, rtol=1e-14)
+    np.testing.assert_array_equal(data.shaft_power, none)
+
+
+def test_a_loss_map_has_knots_of_that_current():
+    rng = np.random.default_rng(1)
+    speed, torque = rng.uniform(-100.0, 100.0, 2000), rng.uniform(-3.0, 3.0, 2000)
+    power = torque * speed + 5.0 * np.abs(2.0 * torque)
+    given = speed, torque, np.full(2000, 120.0), power, np.arange(2000) // 5
+    cold, warm = (
+        fit_loss_map(AxisSamples(*given, constants=one))
+        for one in (None, TorqueConstants(np.array([0.005])))
+    )
+    np.testing.assert_allclose(warm.motor_torque, 2.0 * np.array(cold.motor_torque), rtol=1e-4)
+    np.testing.assert_allclose(warm.loss, cold.loss, atol=1e-3)
