@@ -211,7 +211,7 @@ def in_turns(
     What the drives take at rest and while braking decides which readings show the constants,
     and the constants which readings show the drives. In the end the model of the drives has both.
     """
-    fan = drives.model.cabinet.fan
+    fan = cabinet.model.cabinet.fan  # by its step: what drives fit would drift from turn to turn
     if fan is not None:
         if isinstance(cabinet.found, CabinetFit) and cabinet.found.fan is not None:
             fan = with_begin(fan, read_all(bags, drives.model), source)

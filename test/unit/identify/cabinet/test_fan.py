@@ -9,6 +9,7 @@ import pytest
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.model.schema import CabinetFan
+from robot_energy_identify import run_all
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet import fan as fan_module
 from robot_energy_identify.cabinet.fan import Rests, fan_of, stands, with_begin
@@ -193,6 +194,29 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     assert "and 19.9 W" in reason(19.9, 0.02, (old, old))
     assert "cannot be tested" in reason(None, 0.02)
     assert "cannot be tested" in fan_refused(Step("drives", None, "too few readings", load("kr16")))
+
+
+def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkeypatch):
+    """Drives fit its power to all readings; from turn to turn it would leave the step."""
+    model, powers = load("ur10e"), []
+
+    def with_power(watts):
+        power = FAN.power.model_copy(update={"value": watts})
+        fan = FAN.model_copy(update={"power": power})
+        return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+
+    def cabinet_step(model, fit, source):
+        powers.append(model.cabinet.fan.power.value)
+        return Step("cabinet", None, "", model)
+
+    monkeypatch.setattr(run_all, "read_all", lambda bags, model: [])
+    monkeypatch.setattr(run_all, "fit_cabinet", lambda recordings: None)
+    monkeypatch.setattr(run_all, "cabinet_step", cabinet_step)
+    again = Step("drives", DrivesFound(None, None), "", with_power(20.0))
+    monkeypatch.setattr(run_all, "drives_step", lambda bags, model, source: again)
+    cabinet = Step("cabinet", None, "", with_power(15.0))
+    run_all.in_turns(cabinet, Step("drives", None, "", with_power(18.0)), [], model, "bags")
+    assert set(powers) == {15.0}
 
 
 def rig(*without, start=20.0, on=23.0, capacity=1.0):
