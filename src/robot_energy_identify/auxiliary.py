@@ -277,7 +277,6 @@ def fit_outlet(
 
 
 def with_states(model: RobotModel, fits: Sequence[LoadsFit], source: str) -> RobotModel:
-    """Return a model with the identified powers that are used."""
     found: dict[str, dict[str, PositiveFigure]] = {}
     for one in (state for fit in fits if fit.used for state in fit.states):
         found.setdefault(one.load, {})[one.state] = identified(one.power, one.std, source)

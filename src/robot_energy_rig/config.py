@@ -106,7 +106,6 @@ class RigConfig(Described):
         return [name for name, value in self.__dict__.items() if isinstance(value, bool)]
 
     def having(self, *effects: str) -> RigConfig:
-        """Return a copy with the named effects on."""
         return self.without(*effects, on=True)
 
     def without(self, *effects: str, on: bool = False) -> RigConfig:

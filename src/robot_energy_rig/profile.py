@@ -134,8 +134,7 @@ class HardEffects(Described):
     elastic_deflection: Annotated[float, "At the effort limit. [rad] or [m]"] = 1.5e-3
     presliding_angle: Annotated[float, "Of the motor, for 63 % of a reversal. [rad]"] = 0.3
     coulomb_fall: Annotated[
-        float,
-        "Coulomb friction lost per kelvin above 40 degC, down to `MIN_COULOMB_SHARE`. [1/K]",
+        float, "Coulomb friction lost per kelvin above 40 degC, down to `MIN_COULOMB_SHARE`. [1/K]"
     ] = 0.003
     viscous_exponent: Annotated[float, "Of speed, in (0, 1]. [-]"] = 0.8
     viscous_speed: Annotated[float, "Where the exponent changes nothing. [rad/s]"] = 150.0
@@ -201,7 +200,6 @@ class PlantProfile(Described):
 
     @property
     def n_joints(self) -> int:
-        """Number of axes."""
         return len(self.lubricant)
 
     def mechanics(self) -> tuple[Robot, Drivetrain]:

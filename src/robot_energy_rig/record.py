@@ -186,16 +186,12 @@ class RigEncoder:
             {"position": n_joints, "velocity": n_joints, "effort": n_joints},
         )
         self._temperatures = Encoder(
-            TYPES[TEMPERATURES_TOPIC],
-            {"joint_names": self._names},
-            {"temperature_degc": n_joints},
+            TYPES[TEMPERATURES_TOPIC], {"joint_names": self._names}, {"temperature_degc": n_joints}
         )
         self._meter = Encoder(TYPES[METER_TOPIC])
         # Without a layout, as drivers write it: one value per joint in the order of the joints.
         self._drives = Encoder(
-            TYPES[DRIVE_POWER_TOPIC],
-            {"layout.data_offset": 0},
-            {"layout.dim": 0, "data": n_joints},
+            TYPES[DRIVE_POWER_TOPIC], {"layout.data_offset": 0}, {"layout.dim": 0, "data": n_joints}
         )
 
     def joint_states(self, block: RigJoints) -> NDArray[np.uint8]:

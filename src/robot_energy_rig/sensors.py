@@ -40,7 +40,6 @@ class Stream(IntEnum):
 
 
 def stream(seed: int, purpose: Stream) -> np.random.Generator:
-    """Return the random stream of one purpose."""
     return np.random.Generator(
         np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(int(purpose),)))
     )

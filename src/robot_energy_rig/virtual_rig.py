@@ -63,7 +63,6 @@ class Motion(NamedTuple):
     rigid_torque: Annotated[Float, "Of bodies and rotors, motor side, shape (N, n). [N m]"]
 
     def part(self, first: int, rows: int) -> Motion:
-        """Return so many samples from one on."""
         cut = slice(first - self.first, first - self.first + rows)
         links, motors = self.links[cut], self.motors[cut]
         return Motion(first, links, motors, self.motor_velocity[cut], self.rigid_torque[cut])

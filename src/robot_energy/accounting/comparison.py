@@ -24,7 +24,6 @@ from robot_energy.accounting.meter_response import (
     MeterResponse,
     NewestMinute,
     ShownPower,
-    StillReadings,
 )
 from robot_energy.accounting.power_curve import MAX_POWER, MeterCurve
 from robot_energy.accounting.registers import NO_SEGMENT
@@ -96,7 +95,6 @@ class Comparison(ExactSum):
     Attributes:
         lag: How late the meter shows what is drawn, where nothing is stated.
         minute: Sums over the newest minute.
-        still: Readings that stay the same while the predicted power changes.
         swing: Of the predicted power over what was compared, as whole numbers: time [ns], energy
             [nJ], power squared over time [W^2 s]; replaced, never changed.
         compared_ns: Time over which both were integrated. [ns]
@@ -117,7 +115,6 @@ class Comparison(ExactSum):
         self._stated = response
         self.lag, self.minute = LagEstimate(), NewestMinute()
         self.swing: Int = np.zeros(3, dtype=np.int64)
-        self.still = StillReadings()
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -355,8 +352,6 @@ class Comparison(ExactSum):
         drawn, time = result.drawn, result.duration_ns * NANOSECOND
         swing = np.stack([result.duration_ns, drawn * NANOJOULE_PER_JOULE, drawn * drawn / time])
         self.swing = self.swing + np.rint(swing).astype(np.int64).sum(axis=1)
-        if self.meaning is not MeterMeaning.CUMULATIVE:
-            self.still.take(result)
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
 

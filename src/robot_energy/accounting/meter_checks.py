@@ -114,7 +114,9 @@ def _fed_back(comparison: Comparison) -> str:
 
 def _still(comparison: Comparison, ended: bool) -> str:
     """Whether the meter repeats a reading while the robot works."""
-    still = comparison.still
+    if comparison.meaning is MeterMeaning.CUMULATIVE:  # level between two changes of its counter
+        return ""
+    still = comparison.minute.still
     seconds, power = max(still.open, still.longest) if ended else still.open
     if not seconds:
         return ""

@@ -223,9 +223,7 @@ class StillReadings:
         return _still(self._sums), self._power
 
     def take(self, compared: Compared) -> None:
-        """Take what became comparable."""
-        if not len(compared):
-            return
+        """Take what became comparable, one interval or more."""
         seconds, drawn = compared.duration_ns * NANOSECOND, compared.drawn
         power = compared.measured / seconds
         before = np.append(self._power, power[:-1])
@@ -366,7 +364,7 @@ class LagEstimate:
 
 
 class NewestMinute:
-    """Sums over the newest minute that was compared, and of energy fed back since the start.
+    """Sums over the newest minute that was compared, and what readings have shown since the start.
 
     Sums are integers, so that they do not depend on how the input is cut; few intervals wait for
     others.
@@ -378,6 +376,7 @@ class NewestMinute:
         self._waiting: list[Compared] = []
         self._rows = 0  # of them
         self._drawn = self._returned = self._predicted_returned = 0  # since the start [nJ]
+        self._still = StillReadings()
 
     def take(self, compared: Compared) -> None:
         """Take what became comparable."""
@@ -391,6 +390,12 @@ class NewestMinute:
         """Over the newest minute."""
         self._settle()
         return self._sums
+
+    @property
+    def still(self) -> StillReadings:
+        """Readings that stay the same, since the start."""
+        self._settle()
+        return self._still
 
     @property
     def returned_share(self) -> float:
@@ -419,6 +424,7 @@ class NewestMinute:
         compared = Compared.concatenate(self._waiting)
         self._waiting.clear()
         self._rows = 0
+        self._still.take(compared)
         second = compared.stamp_ns // SECOND_NS
         measured = np.rint(compared.measured * NANOJOULE_PER_JOULE).astype(np.int64)
         predicted = np.rint(compared.drawn * NANOJOULE_PER_JOULE).astype(np.int64)

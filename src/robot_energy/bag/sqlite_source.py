@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from urllib.parse import quote
 
@@ -151,7 +152,7 @@ class SqliteSource:
             raise self._unreadable(str(error.strerror)) from error
         place = quote(str(self._path.absolute()))
         base = sqlite3.connect(f"file:{place}?mode=ro&immutable=1", uri=True, isolation_level=None)
-        base.text_factory = lambda data: data.decode("utf-8", "replace")
+        base.text_factory = partial(str, encoding="utf-8", errors="replace")
         for kind, limit in _LIMITS.items():
             base.setlimit(kind, limit)
         for pragma in ("trusted_schema = OFF", "cell_size_check = ON", "mmap_size = 0"):

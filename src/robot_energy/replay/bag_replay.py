@@ -247,8 +247,10 @@ def _outputs(
                 for name, (readings, states) in step.auxiliary.items():
                     pipeline.account.auxiliary.take(name, readings, states)
             if step.inputs is None or step.stages is None:
-                inputs = {"temperatures": step.temperatures, "meter": step.meter}
-                yield pipeline.step(**inputs, torque=step.torque), step.changes
+                output = pipeline.step(
+                    torque=step.torque, temperatures=step.temperatures, meter=step.meter
+                )
+                yield output, step.changes
             else:  # as they are in the process that has read
                 read = step.inputs
                 result.joint_states, result.temperatures = read.joint_states, read.temperatures

@@ -20,11 +20,7 @@ from robot_energy_identify.drives.drive_power import DrivePowerTopics
 from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.options import EFFORTS, Stages, silent
 from robot_energy_identify.plausibility import check_signs
-from robot_energy_identify.refused_recordings import (
-    refuse_motion,
-    refuse_torque,
-    torque_evidence,
-)
+from robot_energy_identify.refused_recordings import refuse_motion, refuse_torque, torque_evidence
 from robot_energy_identify.run_all import usable_effort
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
@@ -49,12 +45,10 @@ class BagSource:
 
     @property
     def paths(self) -> list[Path]:
-        """The bags as paths."""
         return [Path(bag) for bag in self.bags]
 
     @property
     def names(self) -> str:
-        """Names of the bags in one line."""
         return ", ".join(path.name for path in self.paths)
 
     def meaning(self) -> tuple[EffortMeaning, Inputs | None]:

@@ -59,11 +59,7 @@ from robot_energy_identify.results.identification import (
     identification_report,
     thermal_report,
 )
-from robot_energy_identify.run_all import (
-    identify_everything,
-    own_energies,
-    with_provenance,
-)
+from robot_energy_identify.run_all import identify_everything, own_energies, with_provenance
 from robot_energy_identify.stats.held_out_energy import held_out_energy
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 from robot_energy_identify.thermal.windows import without_networks
@@ -337,10 +333,7 @@ def _made_from(model: RobotModel, done: str, read: BagSource) -> RobotModel:
 
 @takes(IdentifyOptions)
 def identify_all(
-    bags: Names,
-    model: ModelName,
-    effort: str | None = None,
-    **options: Unpack[IdentifyOptions],
+    bags: Names, model: ModelName, effort: str | None = None, **options: Unpack[IdentifyOptions]
 ) -> IdentificationResult[IdentificationReport]:
     """Identify everything that the recordings allow, and test it on what was held out.
 

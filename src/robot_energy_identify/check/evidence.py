@@ -100,7 +100,6 @@ class Evidence(Described):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Joint names in model order."""
         return self.model.joint_names
 
     @property
@@ -115,7 +114,6 @@ class Evidence(Described):
         return replace(few, supply=None, shaft_power=None, meter=None)
 
     def rows(self, chosen: slice) -> Evidence:
-        """Return some of the samples."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in BY_SAMPLE})
 
     @property
@@ -126,7 +124,6 @@ class Evidence(Described):
 
 
 def remarks_of(result: Replay) -> Remarks:
-    """Return what the stages noticed in a replay."""
     account = result.joint_states.rejections
     stuck = zip(result.model.joint_names, result.pipeline.power.watch.stuck, strict=True)
     return Remarks(
@@ -266,7 +263,6 @@ class Windows:
         return self._limits.sentences()
 
     def take(self, output: Output) -> None:
-        """Keep what one step gave."""
         if output.torque is not None:
             self._limits.step(output.torque)
         for kind, block in enumerate((output.torque, output.power, output.meter)):

@@ -54,7 +54,6 @@ class CheckResult(Described):
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """The findings that make figures wrong."""
         return tuple(entry for entry in self.findings if entry.severity == ERROR)
 
 

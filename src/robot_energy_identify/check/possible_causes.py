@@ -106,7 +106,6 @@ class Cause(Described):
 
 
 def fit_without(cause: Cause, fit: TorqueFit) -> TorqueFit:
-    """Return the fit of a recording without a cause."""
     evidence = cause.correct(fit.evidence)
     return TorqueFit(evidence, fit.bodies if same_motion(evidence, fit.evidence) else None)
 
@@ -121,7 +120,6 @@ def worth_a_fit(cause: Cause, fit: TorqueFit) -> bool:
 
 
 def candidates(fit: TorqueFit) -> list[Cause]:
-    """Return the causes worth a trial with a recording."""
     evidence = fit.evidence
     count = len(evidence.names)
     known = np.flatnonzero(fit.known).tolist()

@@ -45,7 +45,6 @@ def corrected(
 
 
 def of_cause(evidence: Evidence, cause: Cause) -> Remedy:
-    """Return the line that corrects a cause that was found by trial."""
     joints, value, source = cause.joints, cause.value, evidence.inputs.joint_states
     match cause.name:
         case "torque_sign":
@@ -87,7 +86,6 @@ def _joint_states(evidence: Evidence, other: JointCorrection, *quantities: str) 
 
 
 def effort_meaning(meaning: str) -> Remedy:
-    """Return the line that states the meaning of the effort."""
     return f"joint_states: {{effort_meaning: {meaning}}}", PARAMETERS
 
 

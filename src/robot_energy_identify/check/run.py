@@ -72,7 +72,6 @@ class Checks(Described):
     skipped: Annotated[dict[str, str], "Checks that were not made, with what they lack."]
 
     def result(self, recording: str, model: RobotModel) -> CheckResult:
-        """Return them with errors first."""
         named = f"{model.robot.type}, id {model.model_id}"
         found = [one for group in self.findings.values() for one in group]
         found.sort(key=lambda entry: SEVERITIES.index(entry.severity))

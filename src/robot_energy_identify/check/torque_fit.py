@@ -64,7 +64,6 @@ class Bodies(Described):
 
     @classmethod
     def of(cls, evidence: Evidence) -> Bodies:
-        """Return those of a recording."""
         robot, (position, velocity, acceleration) = evidence.robot, evidence.motion
         torque = robot.joint_torque(position, velocity, acceleration)
         still = robot.joint_torque(position, velocity, np.zeros_like(acceleration))
@@ -243,7 +242,6 @@ class TorqueFit:
 
     @property
     def cost(self) -> float:
-        """Of `errors`."""
         return self.errors.cost
 
     def freed(self, group: str, std: Float | float, place: int | None = None) -> Errors:

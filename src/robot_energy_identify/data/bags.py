@@ -94,11 +94,9 @@ class Bag(Described):
 
     @property
     def name(self) -> str:
-        """Its name without folders."""
         return self.path.resolve().name
 
     def whole(self, model: RobotModel, progress: Progress | None = None) -> Recording:
-        """Return all of the bag, read with a model."""
         if self.kept is None:
             recording = self._read(model, progress, self.most)
         else:
@@ -156,7 +154,6 @@ class Bag(Described):
         return self.kept.piece(span, read)
 
     def read(self, model: RobotModel) -> list[Recording]:
-        """Return the stretches that count, each as a recording."""
         return self._parts(self.whole(model))
 
     def _parts(self, recording: Recording) -> list[Recording]:
@@ -188,7 +185,6 @@ class BagFacts(Described):
 
 
 def facts(bag: Bag, recording: Recording) -> BagFacts:
-    """Return what a bag holds."""
     start, end = recording.span_ns
     degc = recording.power.motor_temperature_degc
     warm = np.isfinite(degc)
@@ -223,7 +219,6 @@ def temperature_ranges(recordings: Sequence[Recording]) -> Float:
 
 
 def read_all(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
-    """Return all stretches of all bags, read with one model."""
     return [part for bag in bags for part in bag.read(model)]
 
 

@@ -24,8 +24,7 @@ def model_of(mapping: LogMapping, folders: Sequence[Path]) -> RobotModel:
     robot = mapping.robot
     if robot is None:
         raise LogFormatError(
-            "the mapping has no entry robot",
-            "urdf and gear_ratio in it, or a model file (--model)",
+            "the mapping has no entry robot", "urdf and gear_ratio in it, or a model file (--model)"
         )
     paths = [folder / robot.urdf for folder in folders]
     path = next((path for path in paths if path.is_file()), paths[0])

@@ -62,7 +62,6 @@ class Observations(Described):
 
     @property
     def equation(self) -> tuple[Float, Float]:
-        """Regressor and torque."""
         return self.regressor, self.joint_torque
 
     def advanced(self, delay: float) -> Observations:
@@ -93,7 +92,6 @@ class Observations(Described):
         return replace(self, **kept, motion=self.motion[none])
 
     def with_names(self, names: Sequence[str]) -> Observations:
-        """Return the observations with the parameters of these names only."""
         if tuple(names) == self.names:
             return self
         return self.with_columns([self.names.index(name) for name in names])

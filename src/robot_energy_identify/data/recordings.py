@@ -294,7 +294,6 @@ def spread(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings that have a power meter."""
     metered = [part for part in recordings if part.meter is not None]
     if not metered:
         raise NotIdentifiableError(

@@ -53,7 +53,6 @@ class Thinned:
         self._seen = [0, 0]  # torques and powers, which belong together row by row
 
     def take(self, output: Output) -> None:
-        """Keep what one step gave."""
         if output.torque is not None:
             self._torque.append(self._rows(output.torque, 0))
         if output.power is not None:
@@ -70,7 +69,6 @@ class Thinned:
 
     @property
     def held(self) -> int:
-        """Samples that are held."""
         return sum(map(len, self._torque))
 
     def blocks(

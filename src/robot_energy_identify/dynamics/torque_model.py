@@ -143,8 +143,7 @@ def _write_stribeck(velocity: float, joint: Joint, ratio: float, estimate: Estim
 
 
 def standard_columns(
-    smooth_velocity: float = SMOOTH_VELOCITY,
-    stribeck_velocity: float | None = None,
+    smooth_velocity: float = SMOOTH_VELOCITY, stribeck_velocity: float | None = None
 ) -> tuple[ParameterColumn, ...]:
     """Return the columns of a usual robot, in the order of a table.
 
@@ -205,13 +204,11 @@ class TorqueModel(Described):
 
     @classmethod
     def from_model(cls, model: RobotModel, columns: Sequence[ParameterColumn]) -> TorqueModel:
-        """Return the torque model of a robot."""
         transmission = Drivetrain.from_model(model).transmission
         return cls(Robot.from_model(model), transmission, tuple(columns))
 
     @property
     def n_links(self) -> int:
-        """Number of the parameters of the links."""
         return 10 * self.robot.n_joints
 
     @cached_property
@@ -226,7 +223,6 @@ class TorqueModel(Described):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of all parameters."""
         joints = self.robot.joint_names  # the links in the order of `Robot.link_parameters`
         links = [f"{parameter} {joint}" for joint in joints for parameter in LINK_PARAMETERS]
         return (*links, *(name for _, _, name in self.extra))
@@ -291,7 +287,6 @@ def open_springs(model: RobotModel) -> dict[int, AnySpring]:
 
 
 def spring_columns(springs: Mapping[int, AnySpring]) -> tuple[ParameterColumn, ...]:
-    """Return the two columns of every counterbalance."""
     return tuple(
         ParameterColumn(
             kind,

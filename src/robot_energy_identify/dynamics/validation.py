@@ -94,11 +94,7 @@ def folds_of(observations: Observations) -> Int:
 
 
 def estimate_delay(
-    observations: Observations,
-    weight: Float,
-    prior: Prior,
-    span: float,
-    guard: float,
+    observations: Observations, weight: Float, prior: Prior, span: float, guard: float
 ) -> Delay:
     """Return the delay of the torque, by cross-validation.
 
@@ -224,11 +220,7 @@ def temperature_remark(model: RobotModel) -> str:
 
 
 def remarks(
-    delay: Delay,
-    delay_span: float,
-    in_sample: TorqueError,
-    result: Fit,
-    poor: Sequence[str],
+    delay: Delay, delay_span: float, in_sample: TorqueError, result: Fit, poor: Sequence[str]
 ) -> list[str]:
     """Return what the user should know about a result, one sentence each.
 

@@ -79,7 +79,6 @@ class ExcitationCriterion:
         return rows / np.sqrt(rows.shape[0] * rows.shape[1])
 
     def quality(self, motion: Trajectory) -> ExcitationScore:
-        """Return how well a motion determines the base parameters."""
         rows = self.rows(motion).reshape(-1, len(self.base))
         size = np.linalg.svd(rows, compute_uv=False)
         with np.errstate(divide="ignore"):
@@ -257,11 +256,9 @@ class _Problem:
         self._unit[0] = scorer.limits.reach
 
     def motion(self, weights: Float) -> Trajectory:
-        """Samples of the motion with some weights."""
         return Trajectory(*(matrix @ weights for matrix in self._matrices))
 
     def cost_of(self, weights: Float) -> float:
-        """Cost of the motion with some weights; inf where it is none."""
         return self._scorer.cost(self.motion(weights), self._criterion)
 
     def solve(self, start: Float, iterations: int) -> Float:

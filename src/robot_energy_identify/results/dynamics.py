@@ -53,7 +53,6 @@ def dynamics_report(
     given: TorqueError | None = None,
     across: LeaveOneOut | None = None,
 ) -> DynamicsReport:
-    """Return what a recording says of the dynamics."""
     values, half, std = result.fit.values, result.fit.interval(), result.fit.std
     errors = {"held_out": held_out, "held_out_model_file": consistent}
     return DynamicsReport(
@@ -107,7 +106,6 @@ class ExcitationReport(Result, name="excitation"):
 
 
 def excitation_report(found: Excitation) -> ExcitationReport:
-    """Return what an excitation motion determines and uses."""
     limits = found.limits
     start = found.motion.sample(np.zeros(1)).joint_position[0].tolist()
     use = {kind: found.use[kind] * limits.margin for kind in KINDS}

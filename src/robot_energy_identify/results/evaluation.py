@@ -59,7 +59,6 @@ class TorqueErrorSums:
         self._waiting = np.zeros((0, 3, count))  # predicted, measured, velocity; joint side
 
     def step(self, block: PowerBlock) -> None:
-        """Take power samples."""
         measured, sound = block.motor_torque_measured, (block.quality & np.uint32(DOUBTFUL)) == 0
         error = block.motor_torque - measured
         known = np.isfinite(error) & sound[:, None]
@@ -235,7 +234,6 @@ class ScoreSums:
 
     @classmethod
     def of(cls, report: ReplayReport, torque: TorqueErrorSums, power: PowerErrorSums) -> ScoreSums:
-        """Return the sums of a replay."""
         joints = report.shaft.joints if report.shaft is not None else ()
         parts = [[getattr(joint, name) for name in SHAFT] for joint in joints]
         meter = report.comparison

@@ -101,7 +101,6 @@ def drives_report(found: DrivesFound, torque: str = "", notes: Sequence[str] = (
 
 
 def total_power(found: TotalFound) -> TotalPower:
-    """Return what was found from one meter for all drives."""
     data, fit = found.data, found.fit
     return TotalPower(
         location=data.location,
@@ -161,7 +160,6 @@ class ThermalReport(Result, name="thermal"):
 
 
 def thermal_report(found: ThermalFound) -> ThermalReport:
-    """Return the thermal networks and gears of a robot."""
     return ThermalReport("losses", found.ambient_degc, found.fits, found.refused, found.gears)
 
 
@@ -194,12 +192,10 @@ class FrictionReport(Result, name="friction"):
 
     @property
     def torque_unit(self) -> str:
-        """Unit of the torque."""
         return "A" if self.effort == "log" else "N m"
 
 
 def friction_report(found: FrictionFound, effort: str) -> FrictionReport:
-    """Return the friction of every axis."""
     return FrictionReport(
         effort, found.fits, found.refused, found.gears, found.hold, found.apart, found.falls
     )
@@ -253,16 +249,9 @@ class CabinetReport(Result, name="cabinet"):
 
 
 def cabinet_report(found: SupplyFound) -> CabinetReport:
-    """Return what a meter says of everything behind the drives."""
     taken = found.link is not None and not found.reason
     return CabinetReport(
-        found.cabinet,
-        found.delay,
-        found.low_pass,
-        found.link,
-        taken,
-        found.reason,
-        found.note,
+        found.cabinet, found.delay, found.low_pass, found.link, taken, found.reason, found.note
     )
 
 

@@ -192,7 +192,6 @@ class ArmJoint(Described):
 
     @property
     def units(self) -> tuple[str, str]:
-        """Units of effort and velocity."""
         return ("N", "m/s") if self.prismatic else ("N m", "rad/s")
 
 

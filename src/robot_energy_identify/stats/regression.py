@@ -79,7 +79,6 @@ class Fit(Described):
         return np.sqrt(squares / np.maximum(used.sum(axis=0), 1))
 
     def parts_of(self, place: int) -> dict[str, float]:
-        """Return the deviations of one parameter by cause."""
         return {cause: float(part[place]) for cause, part in self.parts.items()}
 
     def interval(self) -> Float:

@@ -149,3 +149,18 @@ def test_friction_at_a_temperature_that_is_stuck_says_nothing_of_wear(quality):
     learner.flush()
     assert learner.friction.parts.all()
     assert (np.array(learner.wear.state().hours) > 0).all() == (quality == Quality.OK)
+
+
+def test_of_every_10_ms_the_first_sample_is_learned_from():
+    output = rig(500.0).step(3000)
+    pipeline = pipeline_of(load("kr16"), Learning.OBSERVE, True)
+    reader, stamps = pipeline.condition.reader, []
+    read = reader.read
+    reader.read = lambda samples, friction: (
+        stamps.append(samples.stamp_ns) or read(samples, friction)
+    )
+    power = pipeline.step(joint_block(output.joints), output.temperatures, None).power
+    pipeline.flush()
+    found = np.concatenate(stamps)
+    slots, first = np.unique(power.stamp_ns // 10_000_000, return_index=True)
+    np.testing.assert_array_equal(found[: len(slots) - 1], power.stamp_ns[first[:-1]])

@@ -10,7 +10,8 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.model.schema import CabinetFan
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
-from robot_energy_identify.cabinet.fan import Rests, fan_of, stands
+from robot_energy_identify.cabinet import fan as fan_module
+from robot_energy_identify.cabinet.fan import Rests, fan_of, stands, with_begin
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
@@ -75,23 +76,47 @@ def test_rests_that_the_dc_link_feeds_do_not_count():
     assert found.rests == 48 + (~fed[FIRST:]).sum()
 
 
-def test_a_recording_that_begins_between_stop_and_start_shows_a_fan_that_stands():
+FAN = CabinetFan.model_validate(
+    {
+        "power": {"value": 30.0, "tag": "identified", "std": 1.0},
+        "on_above_degc": {"value": 44.0, "tag": "identified", "std": 1.0},
+        "hysteresis": {"value": 5.0, "tag": "assumed", "std": 2.0},
+    }
+)
+
+
+def begun(power, count=20, degc=40.0):
+    """Rests at one temperature."""
+    noise, same = np.random.default_rng(3).normal(0.0, 2.0, count), np.full(count, degc)
+    return Rests(4.0 * np.arange(count), power + noise, same, np.zeros((count, 3)), 0.0 * same)
+
+
+def test_rests_before_its_start_show_a_fan_that_stands():
     """100 W are the constants; 30 W of a fan would be in rests at 40 degC, below 44 - 1.4."""
-    known = {"tag": "identified", "std": 1.0}
-    fan = CabinetFan.model_validate(
-        {"power": {"value": 30.0, **known}, "on_above_degc": {"value": 44.0, **known}}
-    )
+    assert stands(begun(103.0), FAN, 100.0)
+    assert not stands(begun(127.0), FAN, 100.0)
+    assert not stands(begun(115.0), FAN, 100.0)  # neither is sure
+    assert not stands(begun(103.0, 5), FAN, 100.0)
+    assert not stands(begun(103.0, degc=43.0), FAN, 100.0)  # it may have started
 
-    def begun(power, count=20, degc=40.0):
-        noise = np.random.default_rng(3).normal(0.0, 2.0, count)
-        same = np.full(count, degc)
-        return Rests(4.0 * np.arange(count), power + noise, same, np.zeros((count, 3)), 0.0 * same)
 
-    assert stands(begun(103.0), fan, 100.0)
-    assert not stands(begun(127.0), fan, 100.0)
-    assert not stands(begun(115.0), fan, 100.0)  # neither is sure
-    assert not stands(begun(103.0, 5), fan, 100.0)
-    assert not stands(begun(103.0, degc=43.0), fan, 100.0)  # it may have started
+def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_open(monkeypatch):
+    """It stops from 35 to 43 degC and starts from 42 to 46: at 30 degC no fan runs anyway."""
+    cabinet = load("ur10e").cabinet.model_copy(update={"fan": FAN})
+    constant = cabinet.loss_dc.value + cabinet.loss_grid.value
+
+    def part(degc, power):
+        warmest = SimpleNamespace(motor_temperature_degc=np.array([[np.nan], [degc], [degc]]))
+        model, rests = SimpleNamespace(cabinet=cabinet), begun(constant + power, degc=degc)
+        return SimpleNamespace(model=model, power=warmest, rests=rests)
+
+    monkeypatch.setattr(fan_module, "_usable", lambda part: True)
+    monkeypatch.setattr(fan_module, "_rests", lambda part: part.rests)
+    recordings = [part(30.0, 0.0), part(38.0, 0.0), part(40.0, 1.0), part(41.0, 30.0)]
+    found = with_begin(FAN, recordings, "bags")
+    assert (found.begins_off_to_degc.value, found.begins_off_to_degc.source) == (40.0, "bags")
+    assert found.model_copy(update={"begins_off_to_degc": None}) == FAN
+    assert with_begin(FAN, [recordings[0], recordings[-1]], "bags") == FAN
 
 
 @pytest.mark.parametrize(
