@@ -75,8 +75,8 @@ def test_what_unmodelled_effects_cost_has_the_sign_of_physics(quick):
     assert rows["without copper"]["mean"] > rows["all effects"]["mean"]
     assert rows["without capacitor"]["mean"] < rows["all effects"]["mean"]
     control = rows["oil at one temperature"]
-    assert abs(control["fixed_20"][-1] - control["follows"][-1]) < 0.03  # nothing to gain
-    assert rows["all effects"]["fixed_20"][-1] - rows["all effects"]["follows"][-1] > 0.4
+    assert abs(control["fixed"][-1] - control["follows"][-1]) < 0.03  # nothing to gain
+    assert rows["all effects"]["fixed"][-1] - rows["all effects"]["follows"][-1] > 0.4
 
 
 @pytest.mark.long
