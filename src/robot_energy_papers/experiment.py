@@ -8,8 +8,7 @@ start at one temperature; fast, and kinder to the model.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from collections.abc import Sequence as Row
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -91,16 +90,16 @@ class Plan(Described):
     ambient_degc: Annotated[float, "[degC]"] = 20.0
 
 
-class Sequence:
+class MotionSequence:
     """Motions that follow one another, each from its own start, as a test bench runs them.
 
     Args:
         parts: Motion and how long it is played; the last one goes on. [s]
     """
 
-    def __init__(self, parts: Row[tuple[JointMotion, float]]) -> None:
+    def __init__(self, parts: Sequence[tuple[JointMotion, float]]) -> None:
         times = np.array([time for _, time in parts])
-        self._motions = [motion for motion, _ in parts]
+        self._motions: list[JointMotion] = [motion for motion, _ in parts]
         self.begin: Float = np.concatenate([[0.0], np.cumsum(times)[:-1]])  # of each part [s]
         self.duration = float(times.sum())
         self.n_joints = self._motions[0].n_joints
@@ -113,9 +112,9 @@ class Sequence:
         """
         part = np.maximum(np.searchsorted(self.begin, time, side="right") - 1, 0)
         found = np.empty((3, len(time), self.n_joints))
-        for index in np.unique(part).tolist():
+        for index, motion in enumerate(self._motions):
             rows = part == index
-            path = self._motions[index].sample(time[rows] - self.begin[index])
+            path = motion.sample(time[rows] - self.begin[index])
             found[:, rows] = path.joint_position, path.joint_velocity, path.joint_acceleration
         return Trajectory(*found)
 
@@ -138,7 +137,7 @@ def make_programs(profile: PlantProfile, seed: int, moves: int = MOVES) -> Progr
     home: Float = train.via[0]
 
     def other(
-        number: int, count: int, zone: float | Row[float] = 0.8, dwell: float = DWELL
+        number: int, count: int, zone: float | Sequence[float] = 0.8, dwell: float = DWELL
     ) -> Program:
         return random_program(limits, first + number, count, zone, dwell, accept=above, start=home)
 
@@ -176,7 +175,7 @@ def by_motion(
     if plan.cool_cycles:
         rest = Program(motion_set.via[:1], allowed(profile)[0], REST)
         parts += [(rest, REST), (motion_set, motion_set.period)] * plan.cool_cycles
-    sequence = Sequence(parts)
+    sequence = MotionSequence(parts)
     rig = VirtualRig(profile, sequence, config, seed, plan.start_degc, plan.ambient_degc)
     origin_ns = rig.stamp_ns
     ends = [*sequence.begin[1:].tolist(), sequence.duration]
@@ -211,7 +210,7 @@ def by_motion(
 def soaked(
     profile: PlantProfile,
     motion_set: Program,
-    start_degc: Row[float],
+    start_degc: Sequence[float],
     folder: Path,
     name: str,
     seed: int,

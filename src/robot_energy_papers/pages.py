@@ -14,7 +14,7 @@ A template is Markdown in blocks with empty lines between them:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -72,18 +72,38 @@ def hundred(share: float) -> str:
     return f"{100 * share:.1f}"
 
 
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cell.replace('|', ESCAPED) for cell in cells)} |"
+
+
+def _whole(value: float, unit: str = "") -> str:
+    return f"{value:.0f}{unit}"
+
+
+def _hundreds(shares: Sequence[float]) -> list[str]:
+    return [hundred(share) for share in shares]
+
+
+def _of(key: str, table: Mapping[str, object]) -> object:
+    return table[key]
+
+
+def _kilo(value: float) -> str:
+    return f"{value / 1e3:.1f}"
+
+
 FILTERS: dict[str, Callable[..., Any]] = {
     "general": "{:g}".format,
     "hundred": hundred,
-    "hundreds": lambda shares: [hundred(share) for share in shares],
+    "hundreds": _hundreds,
     "kelvin": "{:.2f} K".format,
-    "kilo": lambda value: f"{value / 1e3:.1f}",
-    "of": lambda key, table: table[key],
+    "kilo": _kilo,
+    "of": _of,
     "percent": percent,
-    "row": lambda cells: f"| {' | '.join(cell.replace('|', ESCAPED) for cell in cells)} |",
+    "row": _row,
     "signed": signed_percent,
     "tenth": "{:.1f}".format,
-    "whole": lambda value, unit="": f"{value:.0f}{unit}",
+    "whole": _whole,
 }
 
 

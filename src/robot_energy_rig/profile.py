@@ -186,9 +186,9 @@ class PlantProfile(Described):
     hard: Annotated[HardEffects, "Figures of effects that are off by default."] = HardEffects()
 
     def __post_init__(self) -> None:
-        for name, values in vars(self).items():
-            if not isinstance(values, np.ndarray):
-                continue
+        each: dict[str, Any] = vars(self)
+        arrays: dict[str, Float] = {k: v for k, v in each.items() if isinstance(v, np.ndarray)}
+        for name, values in arrays.items():
             least = np.finfo(float).tiny if name in POSITIVE else 0.0
             sound = (values >= least) & np.isfinite(values)
             if values.shape != (self.n_joints,) or not sound.all():

@@ -185,7 +185,7 @@ class Rests:
         count, joints = self.heat.shape
         if count < 2 * (LEAST + joints):
             return self
-        levels = (np.arange(count) // LEAST)[:, None] == np.arange(-(-count // LEAST))
+        levels = np.repeat(np.eye(-(-count // LEAST)), LEAST, axis=0)[:count]
         columns = np.column_stack([self.heat, levels])
         values, _ = estimate(columns, self.power)
         power = self.power - self.heat @ values[:joints]

@@ -6,7 +6,7 @@ import pytest
 from plants import LIMITS, two_link_profile
 from robot_energy.bag import BagReader
 from robot_energy_papers import experiment
-from robot_energy_papers.experiment import Plan, Sequence, by_motion, make_programs, soaked
+from robot_energy_papers.experiment import MotionSequence, Plan, by_motion, make_programs, soaked
 from robot_energy_plan.motion import Program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
 from robot_energy_rig.record import outputs
@@ -40,7 +40,7 @@ def test_recorded_sets_are_pieces_of_one_uninterrupted_rig(short, tmp_path, monk
     # The same rig, run without recording anything.
     parts = [(HOLD, HOLD.period), *[(SET, SET.period), (WARM_UP, heat)] * 3]
     parts += [(Program(SET.via[:1], LIMITS, 6.0), 6.0), (SET, SET.period)] * 2
-    sequence = Sequence(parts)
+    sequence = MotionSequence(parts)
     rig = VirtualRig(profile, sequence, FAST, 5)
     truth = [piece.truth for piece in outputs(rig, sequence.duration)]
     stamp = np.concatenate([part.stamp_ns for part in truth])

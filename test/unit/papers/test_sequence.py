@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from robot_energy_papers.experiment import Sequence
+from robot_energy_papers.experiment import MotionSequence
 from robot_energy_plan.motion import MotionLimits, Program
 
 LIMITS = MotionLimits(
@@ -13,7 +13,7 @@ HOME = np.array([0.2, -0.4])
 FIRST = Program(np.array([HOME, [1.0, 1.0]]), LIMITS, dwell=0.3)
 SECOND = Program(np.array([HOME, [-2.0, 0.5], [0.5, 1.5]]), LIMITS, dwell=0.1)
 PARTS = [(FIRST, FIRST.period), (SECOND, 2 * SECOND.period), (FIRST, FIRST.period)]
-SEQUENCE = Sequence(PARTS)
+SEQUENCE = MotionSequence(PARTS)
 
 
 def test_each_part_is_played_from_its_own_start():
