@@ -166,6 +166,8 @@ def read_points(message: Any, name: str) -> JointTrajectory:
 
 def through_points(points: PointColumns, name: str) -> JointTrajectory:
     """Return the motion through points."""
+    if not 2 <= len(points.time) <= MAX_POINTS:
+        raise MotionError(f"{name} has {len(points.time)} points", f"2 to {MAX_POINTS}")
     position, velocity, acceleration = (points.column(kind, name) for kind in KINDS)
     if position is None:
         raise MotionError(f"{name} has points without positions", "a position of every joint")
