@@ -13,6 +13,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite, nan, sqrt
+from operator import add
 from typing import Annotated
 
 import numpy as np
@@ -356,7 +357,7 @@ class Comparison(ExactSum):
             [result.duration_ns, drawn * NANOJOULE_PER_JOULE, (drawn / MILLIWATT) ** 2 / time]
         )
         more = np.rint(swing).astype(np.int64).sum(axis=1).tolist()
-        self.swing = [one + other for one, other in zip(self.swing, more, strict=True)]
+        self.swing = [*map(add, self.swing, more)]
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
 
