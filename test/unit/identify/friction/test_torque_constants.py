@@ -9,6 +9,7 @@ import pytest
 
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.physics.friction import viscous_law
 from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
@@ -20,13 +21,15 @@ from robot_energy_identify.drives.loss_map import fit_loss_map
 from robot_energy_identify.drives.losses import TERMS
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.friction.torque_constants import (
+    BY_CURRENT,
     FallingConstant,
     at_shaft,
     find_falls,
     fit_fall,
     with_falls,
 )
-from warm_wheel import readings, turning, wheel
+from robot_energy_identify.friction_and_thermal import find_friction
+from warm_wheel import COULOMB, readings, turning, viscous, wheel
 
 FALL = 0.001  # 1/K
 PERIOD = 0.04  # s
@@ -116,19 +119,24 @@ def test_a_torque_sensor_shows_no_magnets():
     assert with_falls(wheel(), []).joints[0].torque_constant_fall is None
 
 
-def recording_of(model, degc, moving=True):
-    """Seven newton metres by the current, for three seconds."""
+def recording_of(model, degc, moving=True, swings=False):
+    """Seven newton metres by the current, for three seconds, or swings of a minute."""
     pipeline = EnergyPipeline(model, Settings(effort=EffortMeaning.MOTOR_TORQUE))
     block = turning(3.0, effort=np.full(6, 7.0))
+    if swings:
+        block = turning(60.0, period=0.02, effort=np.zeros(3000))
+        turn = 2.0 * (np.arange(3000) * 0.02)[:, None]
+        block = replace(block, joint_position=2.0 * np.sin(turn), joint_velocity=4.0 * np.cos(turn))
     if not moving:
         still = np.zeros_like(block.joint_velocity)
         block = replace(block, joint_position=still, joint_velocity=still)
-    outputs = pipeline.step(block, readings(3, degc)), pipeline.flush()
+    outputs = pipeline.step(block, readings(60, degc)), pipeline.flush()
     torque, power = (
         kind.concatenate([part for one in outputs if (part := getattr(one, name)) is not None])
         for kind, name in ((TorqueBlock, "torque"), (PowerBlock, "power"))
     )
-    return Recording(Path(), model, torque, power, None, "", ())
+    found = Recording(Path(), model, torque, power, None, "", ())
+    return replace(found, **vars(effort(EffortMeaning.MOTOR_TORQUE)))
 
 
 def falling(fall):
@@ -140,6 +148,38 @@ def test_recordings_at_the_shaft():
     (found,) = at_shaft([recording], falling(0.002))
     np.testing.assert_allclose(found.torque.motor_torque_measured, 0.9 * 7.0, rtol=1e-15)
     assert at_shaft([recording], wheel()) == [recording]
+
+
+@pytest.mark.parametrize("meaning", [EffortMeaning.MOTOR_TORQUE, EffortMeaning.JOINT_TORQUE])
+def test_friction_is_that_of_the_shaft_where_the_model_keeps_a_fall_that_no_warm_up_shows(meaning):
+    """Soaked at 20 to 70 degC, 0.2 % per kelvin: read by current, 70 degC show 1.11 of it."""
+    fall = 0.002 if meaning is EffortMeaning.MOTOR_TORQUE else 0.0
+    parts = [swung(falling(0.002), degc, fall, meaning) for degc in (20.0, 45.0, 70.0)]
+    found = find_friction(parts, parts[0].model, "bags")
+    assert not found.falls
+    (fit,) = found.fits
+    for degc in (20.0, 45.0, 70.0):
+        assert viscous_law(fit.law).viscous(degc) == pytest.approx(viscous(degc), rel=0.01)
+    assert fit.coulomb == pytest.approx(COULOMB, rel=0.01)
+    (joint,) = found.write(parts[0].model, "bags").joints
+    assert joint.torque_constant_fall.value == 0.002
+
+
+def test_a_warm_up_shows_the_whole_fall_whatever_the_model_has():
+    warm_up = swung(falling(0.002), np.linspace(20.0, 70.0, 60)[:, None], 0.001, BY_CURRENT[0])
+    (found,) = find_friction([warm_up], warm_up.model, "bags").falls
+    assert found.fall.value == pytest.approx(0.001, rel=0.02)
+
+
+def swung(model, degc, fall, meaning):
+    """Swings of a minute with the friction of the wheel, read by a current if it falls."""
+    recording = recording_of(model, degc, swings=True)
+    torque, speed = recording.torque, recording.torque.motor_velocity
+    motor = recording.power.motor_temperature_degc
+    friction = COULOMB * np.sign(speed) + viscous(motor) * speed
+    read = (torque.motor_torque_rigid + friction) / (1.0 - fall * (motor - 20.0))
+    torque = replace(torque, motor_torque_measured=read)
+    return replace(recording, torque=torque, **vars(effort(meaning)))
 
 
 def test_windings_at_rest_are_heated_by_the_current_that_was_read():
