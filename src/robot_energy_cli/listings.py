@@ -20,7 +20,7 @@ def _print_kinds(args: Namespace) -> int:
 def _print_schema(args: Namespace) -> int:
     from robot_energy_cli.result_schema import schema_of
 
-    print(json.dumps(schema_of(args.name), indent=1))
+    print(json.dumps(schema_of(args.name), indent=1, allow_nan=False))
     return 0
 
 
