@@ -19,6 +19,7 @@ from robot_energy.foundation.errors import CredentialsError, PageError, RobotEne
 from robot_energy_report.page import web_server
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.robot_state import RobotState
 from robot_energy_report.page.saved_page import FILES
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.page.web_app import MAX_STREAMS
@@ -269,6 +270,23 @@ def test_of_many_robots_a_page_gets_one_whole_and_an_overview_of_all(serve):
     wait_until(lambda: "robot42" not in hub.watched, "its end")
     hub.tick(time.monotonic() + 20.0)
     assert set(hub.events) == {""}
+
+
+def test_a_page_gets_whole_ticks(monkeypatch):
+    """It reads without the lock: inside of a tick it gets the events of the one before, unchanged."""
+    hub = PageHub("test", PageSettings())
+    hub.robot("r")
+    hub.tick(0.0)
+    before, whole = hub.events_of(""), dict(hub.events_of(""))
+    seen = []
+    power = RobotState.power
+    monkeypatch.setattr(
+        RobotState, "power", lambda *given: (seen.append(hub.events_of("")), power(*given))[1]
+    )
+    hub.tick(100.0)
+    assert seen[0] is before
+    assert before == whole
+    assert {number for number, _ in hub.events_of("").values()} == {2}
 
 
 def test_slow_pages_do_not_hold_up_others_and_are_dropped(serve, monkeypatch):
