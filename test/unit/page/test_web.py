@@ -140,6 +140,7 @@ def test_actions_need_the_token_on_loopback_too(serve, token_file):
         return answer
 
     hub = PageHub("test", PageSettings(), control=control)
+    hub.robot("1")
     url = serve(hub, token_file=token_file, allow_control=True)
     wish = json.dumps({"robot": "robot1", "action": "open_interval", "text": "part 1"})
     assert request(url, "/api/control", "POST", wish)[0] == 401
@@ -149,6 +150,7 @@ def test_actions_need_the_token_on_loopback_too(serve, token_file):
     assert (status, json.loads(body)) == (200, {"done": True, "message": "done"})
     assert seen == [("robot1", "open_interval", "part 1")]
     for bad in (b"", b"{", b"[]", b"null", wish.replace("robot1", "other"), b'{"robot":1}',
+                wish.replace('"robot1"', "1"), wish.replace('"part 1"', "1"),
                 wish.replace("open_interval", "shutdown"), wish.replace("part 1", "x" * 201),
                 b"\xff" * 100, b"[" * 2000, b" " * 5000):  # fmt: skip
         assert request(url, "/api/control", "POST", bad, **bearer())[0] == 400, bad
@@ -273,7 +275,7 @@ def test_of_many_robots_a_page_gets_one_whole_and_an_overview_of_all(serve):
 
 
 def test_a_page_gets_whole_ticks(monkeypatch):
-    """It reads without the lock: inside of a tick it gets the events of the one before, unchanged."""
+    """Inside of a tick one that reads without the lock gets the events of the tick before."""
     hub = PageHub("test", PageSettings())
     hub.robot("r")
     hub.tick(0.0)
