@@ -11,7 +11,7 @@ from robot_energy_cli.command import Command
 def _run(args: Namespace) -> int:
     from robot_energy_cli.result_schema import schema_of
 
-    print(json.dumps(schema_of(args.name), indent=1))
+    print(json.dumps(schema_of(args.name), indent=1, allow_nan=False))
     return 0
 
 
