@@ -35,7 +35,7 @@ from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.levels import level_step, levels_of
 from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.drives.drive_data import COOL, winding_torque
+from robot_energy_identify.drives.drive_data import COOL, shaft_torque, winding_torque
 from robot_energy_identify.drives.losses import TERMS, loss_columns
 from robot_energy_identify.drives.total_power import BY_LEVELS
 from robot_energy_identify.stats.regression import estimate
@@ -395,7 +395,10 @@ def _rests(part: Recording) -> Rests:
     fall = np.nan_to_num(so_far - warmest)  # where it is unknown, it counts as warm
     middle = 0.5 * NANOSECOND * (pieces.stamp_ns + pieces.end_ns)
     row = row_of(part, pieces)
-    torque, degc = winding_torque(part)[row], part.power.motor_temperature_degc[row]
+    torque, degc = (
+        winding_torque(part, shaft_torque(part))[row],
+        part.power.motor_temperature_degc[row],
+    )
     heat = loss_columns(np.zeros_like(torque), torque, np.where(np.isnan(degc), COOL, degc))
     values = (middle, power, so_far[row], heat[..., TERMS.index("copper")], fall[row])
     known = np.flatnonzero(np.isfinite(np.column_stack(values)).all(axis=1))
