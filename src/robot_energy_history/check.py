@@ -55,11 +55,14 @@ def check(folder: str | Path) -> list[str]:
 
 
 def repair(folder: str | Path, now_ns: int) -> list[str]:
-    """Return what was done, a sentence each, to keep what can be read and to make sums right.
+    """Repair a history: what can be read of a damaged file is kept, and sums are made right.
 
     Of quarter hours that cannot be read, hours hold the sums. What a sum lacks still is put in as
     one span over the whole time of these registers, marked as repaired: it is known how much it
     was, not when.
+
+    Returns:
+        What was done, a sentence each.
     """
     path = Path(folder).expanduser() / FILE
     if not path.is_file():

@@ -101,7 +101,11 @@ def curves_of(blobs: Sequence[bytes]) -> NDArray[np.int64]:
 
 
 def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
-    """Return up to where it is rolled up, once some of the days that have ended are."""
+    """Roll up days that have ended, some at once.
+
+    Returns:
+        Up to where it is rolled up.
+    """
     until, target = rolled.until_ns, (now_ns - LATE_NS) // DAY_NS * DAY_NS
     for _ in range(DAYS_AT_ONCE):
         day = _next_day(connection, until)

@@ -57,7 +57,11 @@ def attempt(connection: sqlite3.Connection, work: Callable[[], T]) -> T | None:
 def put_slot(
     connection: sqlite3.Connection, level: int, key: tuple[int, ...], span: CountedSpan
 ) -> int:
-    """Return the energy from the grid in a slot of a level [min] that a span is added to. [uJ]"""
+    """Add a span to a slot of a level [min].
+
+    Returns:
+        The energy from the grid in the slot. [uJ]
+    """
     ((imported,),) = connection.execute(SLOTS[level], (*key, *span.values)).fetchall()
     if level in JOINTS:
         connection.executemany(

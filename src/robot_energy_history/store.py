@@ -176,7 +176,11 @@ class HistoryStore:
         return self._connection is not None and has_bag(self._connection, name)
 
     def add_bag(self, bag: BagReadings) -> int:
-        """Return the time of a bag that others have recorded, and put the rest in at once. [ns]"""
+        """Put a replayed bag in at once.
+
+        Returns:
+            The time of it that others have recorded, which is left out. [ns]
+        """
         connection = self._connection
         if connection is None:
             raise HistoryError(f"the history in {self.folder} is not open", "an open one")
