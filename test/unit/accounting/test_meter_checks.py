@@ -174,10 +174,11 @@ def test_energy_fed_back_that_the_model_cannot_predict_is_named(fed_back, predic
 def test_the_residual_does_not_depend_on_the_cutting(size, seed, cuts):
     rng = np.random.default_rng(seed)
     available = np.sort(rng.integers(0, 200 * SECOND, size))
-    columns = (available, rng.integers(1, SECOND, size), *rng.normal(50.0, 30.0, (2, size)))
+    duration, (measured, drawn) = rng.integers(1, SECOND, size), rng.normal(50.0, 30.0, (2, size))
+    compared = Compared(available, duration, measured, drawn, drawn)
 
     def run(bounds):
-        minute = cut(NewestMinute(), Compared(*columns, columns[-1]), bounds)
+        minute = cut(NewestMinute(), compared, bounds)
         return minute.time, minute.residual_share
 
     assert run([]) == run(sorted(min(at, size) for at in cuts))
