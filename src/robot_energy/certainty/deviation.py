@@ -150,7 +150,7 @@ class PowerDeviation:
             viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
             shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
-            fan_powers: As of `FigureDeviations.grid_side`. [W]
+            fan_powers: As of `FigureDeviations.grid_side`, shape (2, N). [W]
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
         """

@@ -252,7 +252,7 @@ def drive_from_model(model: RobotModel) -> Drive:
         )
     if kind.physics is None:
         raise KindError(f"the drive model '{kind.name}' has no physics", "a `Drive`")
-    return with_warm_magnets(kind, kind.physics(entries), TorqueConstants.of(model.joints))
+    return with_warm_magnets(kind, kind.physics(entries), TorqueConstants.of(model))
 
 
 def with_warm_magnets(kind: DriveModel, drive: Drive, constants: TorqueConstants | None) -> Drive:

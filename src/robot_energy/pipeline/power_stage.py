@@ -227,7 +227,7 @@ class PowerStage:
         self._hold = self._supply.hold
         # The power node does not know the meaning of an effort: then it is that of a motor.
         by_current = settings.effort is not EffortMeaning.JOINT_TORQUE
-        self._constants = TorqueConstants.of(model.joints) if by_current else None
+        self._constants = TorqueConstants.of(model) if by_current else None
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
         self._unwatched: list[tuple[Int, Int, Float, Float]] = []  # since `watch` was asked

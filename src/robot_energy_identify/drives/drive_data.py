@@ -207,7 +207,7 @@ def winding_torque(recording: Recording, torque: Float) -> Float:
     Args:
         torque: At the shaft, shape (N, n). [N m]
     """
-    constants = TorqueConstants.of(recording.model.joints)
+    constants = TorqueConstants.of(recording.model)
     if constants is None:
         return torque
     return torque / constants.left(recording.power.motor_temperature_degc)
@@ -269,7 +269,7 @@ def drive_data(
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
         np.concatenate(fans) if isinstance(fans[0], np.ndarray) else None,
-        TorqueConstants.of(recordings[0].model.joints),
+        TorqueConstants.of(recordings[0].model),
     )
 
 

@@ -110,7 +110,7 @@ def at_shaft(recordings: Sequence[Recording], model: RobotModel) -> list[Recordi
 
     They stay as they are where no torque constant falls, or torque is known without a current.
     """
-    constants = TorqueConstants.of(model.joints)
+    constants = TorqueConstants.of(model)
     if constants is None or not _by_current(recordings):
         return list(recordings)
     return [

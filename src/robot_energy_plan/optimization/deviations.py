@@ -106,7 +106,7 @@ class EnergyDeviations:
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             motor_temperature_degc: Shape (n,). [degC]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
-            fan_powers: As of `FigureDeviations.grid_side`. [W]
+            fan_powers: As of `FigureDeviations.grid_side`, shape (2, N). [W]
         """
         figures, speed = self.figures, np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))

@@ -202,7 +202,7 @@ def test_windings_at_rest_are_heated_by_the_current_that_was_read():
 
 def test_drives_are_identified_with_the_current_of_warm_motors():
     hot, none = np.full((4, 1), 120.0), np.zeros((4, 1))
-    constants = TorqueConstants(np.array([0.005]))  # half is left
+    constants = TorqueConstants(np.array([0.005]), 20.0)  # half is left
     torque = np.array([[1.0], [2.0], [-1.0], [0.0]])
     data = DriveData(
         ("axle",), np.arange(4), np.zeros(4, int), np.zeros(4, int), none, torque, hot, none,
@@ -220,7 +220,7 @@ def test_a_loss_map_has_knots_of_that_current():
     given = speed, torque, np.full(2000, 120.0), power, np.arange(2000) // 5
     cold, warm = (
         fit_loss_map(AxisSamples(*given, constants=one))
-        for one in (None, TorqueConstants(np.array([0.005])))
+        for one in (None, TorqueConstants(np.array([0.005]), 20.0))
     )
     np.testing.assert_allclose(warm.motor_torque, 2.0 * np.array(cold.motor_torque), rtol=1e-4)
     np.testing.assert_allclose(warm.loss, cold.loss, atol=1e-3)
