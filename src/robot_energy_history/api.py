@@ -14,7 +14,7 @@ import numpy as np
 from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.timeline.time_series import Column, TimeSeries
-from robot_energy_history.files import JOB_SUMS, reader
+from robot_energy_history.database import JOB_SUMS, reader
 from robot_energy_history.queries import (
     RESOLUTIONS,
     Resolution,

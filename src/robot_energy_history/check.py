@@ -12,8 +12,7 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS
-from robot_energy_history.differences import REPAIRED, CountedSpan, Event
-from robot_energy_history.files import (
+from robot_energy_history.database import (
     DAMAGED,
     FILE,
     LEVELS,
@@ -26,9 +25,11 @@ from robot_energy_history.files import (
     take_lock,
     version_of,
 )
+from robot_energy_history.differences import REPAIRED, CountedSpan, Event
+from robot_energy_history.jobs import unlike_jobs
 from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
-from robot_energy_history.rows import put_events, reading_from, unlike_jobs
+from robot_energy_history.rows import put_events, reading_from
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
+from robot_energy_history.database import LEVELS
 from robot_energy_history.differences import SLOT_NS, UNRESOLVED, CountedSpan
-from robot_energy_history.files import LEVELS
+from robot_energy_history.jobs import roll_jobs, roll_jobs_again
 from robot_energy_history.readings import COLUMNS, IMPORT, JOINT_COLUMNS
-from robot_energy_history.rows import put_slot, roll_jobs, roll_jobs_again
+from robot_energy_history.rows import put_slot
 
 QUARTERS = DAY_NS // SLOT_NS
 MAX_DAYS = 2**20  # since 1970, of which stamps reach 106,751

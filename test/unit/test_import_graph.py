@@ -111,8 +111,8 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files outputs queries readings rollup rows savings
-        store tariffs use
+        api bags check database differences jobs outputs queries readings rollup rows savings
+        store tariffs use waiting_notes
     """,
     "robot_energy_identify": """
         auxiliary blas_threads bounds friction_and_thermal options plausibility provenance
