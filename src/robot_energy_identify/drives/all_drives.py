@@ -39,6 +39,7 @@ from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.stats.lag import Delay, applied
 
 IDENTIFIED = "identified"
+OPEN = 0.05  # probability of the rarer state of a fan, above which nobody knows whether it runs
 AGREES = 2.0  # deviations between the power of a fan by its step and by all readings
 
 
@@ -133,9 +134,12 @@ def find_drives(
             low_pass, lag = meter_lags(partial(with_meters_earlier, data, 0.0))
         data = with_meters_earlier(data, applied(lag), applied(low_pass))
         pieces = sums(data, model)
+        here = model is not None and pieces.fan is not None and _found_here(model, source)
+        if model is not None and here:
+            pieces = pieces.rows(fan_known(pieces, model))
         fit = fit_total(pieces)
         fan_power, whole = None, None
-        if model is not None and pieces.fan is not None and _found_here(model, source):
+        if model is not None and here:
             pieces, fan_power = _with_fan_fitted(pieces, fit, model)
             fit = fit_total(pieces)
             assert pieces.fan is not None
@@ -162,6 +166,22 @@ def _found_here(model: RobotModel, source: str) -> bool:
     if fan is None or fan.power.tag != "identified" or not source:
         return False
     return fan.power.source in (source, BY_LEVELS + source)
+
+
+def fan_known(pieces: Sums, model: RobotModel) -> NDArray[np.bool_]:
+    """Return readings of which is known whether a fan that its step shows runs, shape (K,).
+
+    Half of it would be taken off the others: all of a recording that begins near its start is then
+    off by that, and what predicts it is judged wrongly. All where too few are left, or where levels
+    of recordings show the fan, as their temperatures are within its deviation.
+    """
+    fan = model.cabinet.fan
+    assert fan is not None
+    assert pieces.fan is not None
+    share = pieces.fan / fan.power.value
+    known = np.minimum(share, 1.0 - share) <= OPEN
+    by_levels = fan.power.source.startswith(BY_LEVELS)
+    return np.ones_like(known) if by_levels or known.sum() < MIN_READINGS else known
 
 
 def fan_test(

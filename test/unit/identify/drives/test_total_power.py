@@ -12,7 +12,7 @@ from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.drives.all_drives import fan_test, find_drives
+from robot_energy_identify.drives.all_drives import fan_known, fan_test, find_drives
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
 from robot_energy_identify.drives.total_power import (
     STRUCTURES,
@@ -113,6 +113,27 @@ def test_a_fan_of_another_source_stays_as_given(data, tag, source):
     found = find_drives(seen, model, "bags", in_time=True)
     assert found.write(model, "bags")[0].cabinet.fan == model.cabinet.fan
     assert found.total.fan_test == ()
+
+
+def test_readings_with_a_fan_that_may_run_or_not_do_not_count(data):
+    """60 W in every fourth 5 s; in others half of it is expected, and it does not run."""
+
+    def seen(stamp_ns, of_open):
+        quarter = stamp_ns // 5_000_000_000 % 4
+        return np.select([quarter == 1, quarter == 3], [60.0, of_open], 0.0)
+
+    meters = [replace(one, power=one.power + seen(one.stamp_ns, 0.0)) for one in data.meters]
+    half = replace(data, meters=tuple(meters), fan_power=seen(data.stamp_ns, 30.0))
+    found, without = (
+        find_drives(one, model, "bags", in_time=True).total
+        for one, model in ((half, fan_of(60.0, 3.0)), (data, MODEL))
+    )
+    assert found.fit.constant == pytest.approx(without.fit.constant, abs=1.5)
+    one = sums(half, MODEL)
+    assert not fan_known(one, fan_of(60.0, 3.0)).all()
+    assert fan_known(one, fan_of(60.0, 3.0, source="levels of recordings: bags")).all()
+    few = one.rows(np.flatnonzero(one.fan == 30.0)[:15])
+    assert fan_known(few, fan_of(60.0, 3.0)).all()
 
 
 def test_a_fan_that_is_small_next_to_the_errors_of_motion_is_seen_at_rest(data):
