@@ -189,7 +189,7 @@ def record_days(folder, robots, days=90, better_from=60):
 
     Friction of its elbow grows by 2 % in ten days, over model m1, and over m2 from the middle on.
     """
-    from robot_energy_history.files import JOB_COLUMNS
+    from robot_energy_history.database import JOB_COLUMNS
     from robot_energy_history.readings import LearnedFriction
     from robot_energy_history.store import HistoryStore
 

@@ -31,10 +31,10 @@ from rclpy.parameter import Parameter
 
 from robot_energy.foundation.errors import PageError, RobotEnergyError
 from robot_energy.foundation.files.output_files import GENERATOR, FileKind, check_file, write_file
+from robot_energy_report.page.hub import ACTIONS
 from ros2_energy_monitor.base.run_node import ros
 from ros2_energy_monitor.base.shared_memory import clear_ports
 from ros2_energy_monitor.executables import EXECUTABLES
-from ros2_energy_monitor.nodes.energy_dashboard import SERVICES
 
 POLICY = (FileKind("policy", b"<?xml", f"<!-- {GENERATOR} -->".encode()),)
 # Nodes that run for long, with what keeps them from files and other computers.
@@ -137,7 +137,7 @@ def collect(args: Sequence[str], names: Sequence[str], has_file: bool) -> list[N
             if getattr(getattr(node, "parameters", None), "allow_control", False):
                 # What the buttons of the dashboard call; it makes a client when one is pressed.
                 offered = rights_of(seen[0]).reply
-                asked = {one for one in offered if one.rpartition("/")[2] in SERVICES}
+                asked = {one for one in offered if one.rpartition("/")[2] in ACTIONS}
                 rights = replace(rights, request=rights.request | asked)
             found.append(rights)
     return found

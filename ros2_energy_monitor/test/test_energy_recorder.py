@@ -29,7 +29,7 @@ from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 from robot_energy.foundation.errors import HistoryError
 from robot_energy_history.api import history, history_events, history_friction
 from robot_energy_history.check import check
-from robot_energy_history.files import open_reader
+from robot_energy_history.database import open_reader
 from robot_energy_history.store import HistoryStore
 from ros2_energy_monitor.base.publishers import latched, reliable
 from ros2_energy_monitor.base.reader_memory import OF_THE_FOLDER, VARIABLE, make_room_as_needed

@@ -26,7 +26,7 @@ from robot_energy.bag.reader import TimeRange
 from robot_energy.messages.fields import RECORDING
 from robot_energy.model import load
 from robot_energy.store.account_store import load_account
-from robot_energy_history.files import open_reader
+from robot_energy_history.database import open_reader
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
 from ros2_energy_monitor.base.publishers import reliable
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor

@@ -201,6 +201,7 @@ def test_an_interval_begins_with_what_has_arrived(bench, messages, tmp_path):
     rows = messages["/joint_states"]
     publisher = bench.publisher(JointState, "joint_states")
     feed(bench, node, publisher, rows[:200])
+    bench.spin_until(lambda: not node.checkpoints.store.busy, "the disk, which a timer looks after")
     for timer in node.timers:  # from now on only a service takes what arrives
         timer.cancel()
     for row in rows[200:400]:

@@ -8,6 +8,8 @@
 
 """The SROS 2 policy: exactly what running nodes use, in names that the nodes really have."""
 
+import subprocess
+import sys
 from xml.etree import ElementTree
 
 import pytest
@@ -51,6 +53,13 @@ def policy(tmp_path_factory):
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
         assert main(["--out", str(path), "--ros-args"]) == 0
     return read(path)
+
+
+def test_the_policy_starts_without_the_web_server_of_the_dashboard():
+    blocked = (
+        "import sys; sys.modules['uvicorn'] = None; import ros2_energy_monitor.security_policy"
+    )
+    subprocess.run([sys.executable, "-c", blocked], check=True)
 
 
 def test_every_node_that_runs_for_long_has_its_enclave(policy):

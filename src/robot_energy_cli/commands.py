@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 from robot_energy_cli import (
+    advise,
     check,
-    dashboards,
     export,
-    fleet,
+    fleet_identify,
+    fleet_report,
+    fleet_run,
     history,
-    identify,
+    identify_all,
     identify_drives,
     identify_dynamics,
     identify_excitation,
+    identify_friction,
+    identify_metered,
+    identify_thermal,
     import_logs,
     info,
-    listings,
+    kinds,
+    layouts,
     models,
-    motions,
+    monitoring,
+    optimize,
+    predict,
     replay,
     report,
+    schema,
+    shared_bus,
     simulate,
     test,
 )
@@ -31,8 +41,9 @@ IDENTIFY = Group(
     "what",
     "WHAT",
     lambda: (
-        identify.ALL, identify_excitation.COMMAND, identify.FRICTION, identify_dynamics.COMMAND,
-        identify.CABINET, identify_drives.COMMAND, identify.THERMAL, identify.AUXILIARY,
+        identify_all.COMMAND, identify_excitation.COMMAND, identify_friction.COMMAND,
+        identify_dynamics.COMMAND, identify_metered.CABINET, identify_drives.COMMAND,
+        identify_thermal.COMMAND, identify_metered.AUXILIARY,
     ),
 )  # fmt: skip
 FLEET = Group(
@@ -41,11 +52,11 @@ FLEET = Group(
     "Many bags of many robots: replay them into a dataset, report, identify.",
     "what",
     "WHAT",
-    lambda: (fleet.RUN, fleet.REPORT, fleet.IDENTIFY),
+    lambda: (fleet_run.COMMAND, fleet_report.COMMAND, fleet_identify.COMMAND),
 )
 COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
-    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, motions.PREDICT, motions.OPTIMIZE,
-    motions.SHARED_BUS, fleet.ADVISE, models.LIST, models.MODEL, listings.KINDS, info.COMMAND,
-    simulate.COMMAND, listings.SCHEMA, dashboards.LAYOUTS, dashboards.MONITORING,
+    test.COMMAND, IDENTIFY, FLEET, history.COMMAND, predict.COMMAND, optimize.COMMAND,
+    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, kinds.COMMAND, info.COMMAND,
+    simulate.COMMAND, schema.COMMAND, layouts.COMMAND, monitoring.COMMAND,
 )  # fmt: skip

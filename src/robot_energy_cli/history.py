@@ -107,7 +107,7 @@ SAVINGS: Options = {
 
 
 def _folder(args: Namespace) -> Path:
-    from robot_energy_history.files import default_folder
+    from robot_energy_history.database import default_folder
 
     return Path(args.folder).expanduser() if args.folder else default_folder()
 

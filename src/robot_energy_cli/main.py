@@ -28,9 +28,9 @@ from robot_energy.foundation.extras import is_ours, missing
 from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.foundation.stopping import DEFAULTS, End
+from robot_energy_cli import completion
 from robot_energy_cli.command import Command
 from robot_energy_cli.commands import COMMANDS
-from robot_energy_cli.listings import COMPLETION
 
 
 class WrappedHelp(HelpFormatter):
@@ -198,7 +198,7 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     # Those of other packages, such as that of the papers, by the entry points they declare.
     further = [entry.load() for entry in installed(ENTRY_POINTS)]
-    for command in (*COMMANDS, *further, COMPLETION, HELP):
+    for command in (*COMMANDS, *further, completion.COMMAND, HELP):
         command.add_parser(commands)
     return parser
 

@@ -54,10 +54,13 @@ def _run(args: Namespace) -> int:
     check_report(args.out, given)
     settings = load_settings(args.page_settings or "")
     replays: list[tuple[ReplayReport, ReplayCurves | None]] = []
+    damage: list[str] = []
     page = Document("Where the energy went")
     for source in args.source:
         if not source.lower().endswith(".json"):
-            replays.append(_curves(args, source))
+            report, curves, problems = _curves(args, source)
+            replays.append((report, curves))
+            damage += problems
             continue
         result = read_result(source)
         if isinstance(result, PredictionsReport):
@@ -75,10 +78,10 @@ def _run(args: Namespace) -> int:
     for report, _ in replays:
         out.print(f"{report.bag}: {headline(report)}")
     wrote(out, args.out, "report")
-    return DAMAGED if any(one.problems for one, curves in replays if curves) else 0
+    return DAMAGED if damage else 0
 
 
-def _curves(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves]:
+def _curves(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves, list[str]]:
     from robot_energy.results.replay import replay_report
     from robot_energy_report.replay import ReplayCurves
     from robot_energy_report.replay_figures import TemperatureHistory, curves_of
@@ -86,7 +89,8 @@ def _curves(args: Namespace, bag: str) -> tuple[ReplayReport, ReplayCurves]:
     model, change = model_given(args)
     temperatures = TemperatureHistory(model.joint_names)
     result = replayed(args, bag, model, [temperatures.take], True, {})
-    return replay_report(result, change), ReplayCurves(curves_of([result], [change]), temperatures)
+    curves = ReplayCurves(curves_of([result], [change]), temperatures)
+    return replay_report(result, change), curves, result.problems
 
 
 COMMAND = Command.of(_run.__doc__, _run, OPTIONS)

@@ -20,7 +20,7 @@ from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.regular_file import read_regular
 from robot_energy.foundation.shown_text import shown
 from robot_energy.model import RobotModel
-from robot_energy.results.base import SCHEMA_VERSION, Result
+from robot_energy.results.base import SCHEMA_VERSION, Result, json_value
 from robot_energy.results.replay import ReplayReport
 from robot_energy_fleet.results.advice import AdviceReport
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
@@ -113,6 +113,9 @@ def _document(title: str, kinds: Iterable[type[Result]]) -> dict[str, Any]:
 
 class _Generator(GenerateJsonSchema):
     """Schema of what `json_value` makes of values, with the words of the docstrings."""
+
+    def encode_default(self, dft: Any) -> Any:
+        return json_value(dft)
 
     def float_schema(self, schema: core_schema.FloatSchema) -> JsonSchemaValue:
         return {"type": ["number", "null"]}  # null: not known

@@ -68,7 +68,8 @@ class JointSums:
         grams: Sums of the products of two columns, shape (n, COLUMNS, COLUMNS).
         rows: Samples behind them, shape (n,).
         time: Motion, shape (n,). [s]
-        heat: Sum of the motor temperatures of the samples, shape (n,). [degC]
+        heat: Sum of the measured motor temperatures of the samples, shape (n,). [degC]
+        warm_rows: Samples with a measured motor temperature, shape (n,).
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -86,6 +87,7 @@ class JointSums:
         self.rows = np.zeros(n_joints, dtype=np.int64)
         self.time: Float = np.zeros(n_joints)
         self.heat: Float = np.zeros(n_joints)
+        self.warm_rows = np.zeros(n_joints, dtype=np.int64)
 
     def take(self, output: Output) -> None:
         """Take what a step of the pipeline gave: a power sample comes with its torque, or later."""
@@ -109,7 +111,7 @@ class JointSums:
     def table(self, wear: WearMonitor) -> list[dict[str, Any]]:
         """Return one row for each joint, of plain values."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            degc = self.heat / self.rows
+            degc = self.heat / self.warm_rows
         return [
             {
                 "joint": name,
@@ -139,8 +141,9 @@ class JointSums:
         measured, rigid = power.motor_torque_measured, torque.motor_torque_rigid
         speed = power.motor_velocity
         model = power.friction_power / speed
-        degc = power.motor_temperature_degc
-        degc = np.where(np.isnan(degc), self._fallback_degc, degc)
+        heat = power.motor_temperature_degc
+        warm = ~np.isnan(heat)
+        degc = np.where(warm, heat, self._fallback_degc)
         good = (np.abs(speed) > self._floor) & np.isfinite(measured + rigid + model + whole)
         good &= ((power.quality & np.uint32(DOUBTFUL)) == 0)[:, None]
         for joint in np.flatnonzero(good.any(axis=0)).tolist():
@@ -159,7 +162,8 @@ class JointSums:
             self.grams[joint] += columns.T @ columns
             self.rows[joint] += len(columns)
             self.time[joint] += period[rows].sum()
-            self.heat[joint] += degc[rows, joint].sum()
+            self.heat[joint] += heat[rows & warm[:, joint], joint].sum()
+            self.warm_rows[joint] += int((rows & warm[:, joint]).sum())
 
 
 def gram_of(upper: Sequence[float] | Float) -> Float:
@@ -209,7 +213,7 @@ class BagJoints(Described):
     robot: Annotated[Int, "Number of its robot, shape (B,)."]
     stamp_ns: Annotated[Int, "Its begin, shape (B,). [ns]"]
     figures: BagFigures
-    degc: Annotated[Float, "Mean motor temperature, shape (B, n). [degC]"]
+    degc: Annotated[Float, "Mean measured motor temperature, shape (B, n); NaN: none. [degC]"]
     work: Annotated[Float, "Shares of w^2 at temperatures, mean and square speed, (B, n, K). [-]"]
 
 

@@ -160,7 +160,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "reason": "",
         "problems": [
             *report.problems,
-            *(one.sentence for one in result.joint_states.findings()),
+            *(one.sentence for one in result.joint_states.findings() if one.wrong_power),
         ],
         "date": day,
         "motor_temperature_degc": _mean_degc(rows),

@@ -68,11 +68,14 @@ def fit_merged(
     warnings: list[str] = []
     span = (float(bags.degc.min()), float(bags.degc.max()))
     kinds = dict(FRICTION_LAWS)
-    if span[1] - span[0] < MIN_RANGE:
+    if not span[1] - span[0] >= MIN_RANGE:
         kinds = {name: kind for name, kind in kinds.items() if not kind.follows_temperature}
         warnings.append(
-            f"{bags.name}: the range of its motor temperature is below {MIN_RANGE:g} K, so its "
-            "friction is taken as constant"
+            f"{bags.name}: no motor temperature is known, so its friction is a constant, that of "
+            "the temperatures at which it was recorded"
+            if np.isnan(span[0])
+            else f"{bags.name}: the range of its motor temperature is below {MIN_RANGE:g} K, so "
+            "its friction is taken as constant"
         )
         fold = contiguous_folds(len(bags.degc))
     else:
@@ -227,8 +230,11 @@ def identify_fleet(
     for place, name in enumerate(bags.joints):
         gram, rows = sums_of_joint(own, bags, name)
         used = kept & (rows > 0)
+        degc = bags.degc[used, place]
+        if np.isfinite(degc).any():  # of the others the sums are at the fallback
+            degc = np.where(np.isnan(degc), model.temperature.fallback_degc, degc)
         joint = JointBags(
-            name, without_nuisances(gram[used]), rows[used], bags.degc[used, place],
+            name, without_nuisances(gram[used]), rows[used], degc,
             bags.robot[used], bags.stamp_ns[used],
         )  # fmt: skip
         try:

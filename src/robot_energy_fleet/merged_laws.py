@@ -52,7 +52,7 @@ class JointBags(Described):
     name: str
     gram: Annotated[Float, "Sums of products, shape (B, COLUMNS, COLUMNS)."]
     rows: Annotated[Int, "Samples, shape (B,)."]
-    degc: Annotated[Float, "Mean motor temperature, shape (B,). [degC]"]
+    degc: Annotated[Float, "Mean motor temperature, shape (B,); NaN: not known. [degC]"]
     robot: Annotated[Int, "Number of the robot, shape (B,)."]
     stamp_ns: Annotated[Int, "When the bag begins, shape (B,). [ns]"]
 

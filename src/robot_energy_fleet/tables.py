@@ -12,7 +12,7 @@ from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import HOUR_NS, MICROJOULE, SECOND_NS
 from robot_energy.timeline.blocks import Phase
-from robot_energy_history.files import FILE, reader
+from robot_energy_history.database import FILE, reader
 from robot_energy_history.readings import COLUMNS
 from robot_energy_history.rollup import Rolled
 from robot_energy_history.rows import reading_from

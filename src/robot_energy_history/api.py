@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import date, datetime
 from pathlib import Path
+from typing import Annotated
 from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.timeline.time_series import Column, TimeSeries
-from robot_energy_history.files import JOB_SUMS, reader
+from robot_energy_history.database import JOB_SUMS, reader
 from robot_energy_history.queries import (
     RESOLUTIONS,
     Resolution,
@@ -37,18 +39,17 @@ PRICED = (
 Instant = str | int | date | datetime
 
 
+@documented
 @dataclass(frozen=True)
 class History(TimeSeries):
-    """Energy over time: one row of each part of the time and robot, or joint.
+    """Energy over time: one row of each part of the time and robot, or joint."""
 
-    Attributes:
-        not_resolved: Spans that lie in no part, as while the recorder was off: what was used in
-            them is known, not when. They are in no row of the table.
-        currency: Of the cost; empty without a tariff.
-    """
-
-    not_resolved: TimeSeries = field(kw_only=True)
-    currency: str = ""
+    not_resolved: Annotated[
+        TimeSeries,
+        "Spans that lie in no part, as while the recorder was off: what was used in them is known, "
+        "not when. They are in no row of the table.",
+    ] = field(kw_only=True)
+    currency: Annotated[str, "Of the cost; empty without a tariff."] = ""
 
 
 def history(

@@ -15,11 +15,12 @@ from typing import Annotated, Any
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
+from robot_energy_history.database import LEVELS
 from robot_energy_history.differences import SLOT_NS, Epoch, Event, step, zero_of
-from robot_energy_history.files import LEVELS
+from robot_energy_history.jobs import drop_jobs, put_job
 from robot_energy_history.readings import Reading
 from robot_energy_history.rollup import Rolled, change_curve, put_span
-from robot_energy_history.rows import drop_jobs, put_epoch, put_events, put_job, reading_from
+from robot_energy_history.rows import put_epoch, put_events, reading_from
 
 BAG = "bag:"  # how the origin of its epochs begins
 MAX_JOBS = 2**12  # of a bag

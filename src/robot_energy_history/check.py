@@ -12,8 +12,7 @@ from typing import Any
 
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS
-from robot_energy_history.differences import REPAIRED, CountedSpan, Event
-from robot_energy_history.files import (
+from robot_energy_history.database import (
     DAMAGED,
     FILE,
     LEVELS,
@@ -26,9 +25,11 @@ from robot_energy_history.files import (
     take_lock,
     version_of,
 )
+from robot_energy_history.differences import REPAIRED, CountedSpan, Event
+from robot_energy_history.jobs import unlike_jobs
 from robot_energy_history.readings import COLUMNS, GAP, JOINT_COLUMNS, OBSERVED, Reading
 from robot_energy_history.rollup import MAX_DAYS, REGULAR, Rolled, curves_of, put_span, roll_again
-from robot_energy_history.rows import put_events, reading_from, unlike_jobs
+from robot_energy_history.rows import put_events, reading_from
 
 MAX_ASIDE = 20
 Missing = tuple[int, int, str, Reading, Reading, tuple[int, ...], dict[str, tuple[int, ...]]]
@@ -54,11 +55,14 @@ def check(folder: str | Path) -> list[str]:
 
 
 def repair(folder: str | Path, now_ns: int) -> list[str]:
-    """Return what was done, a sentence each, to keep what can be read and to make sums right.
+    """Repair a history: what can be read of a damaged file is kept, and sums are made right.
 
     Of quarter hours that cannot be read, hours hold the sums. What a sum lacks still is put in as
     one span over the whole time of these registers, marked as repaired: it is known how much it
     was, not when.
+
+    Returns:
+        What was done, a sentence each.
     """
     path = Path(folder).expanduser() / FILE
     if not path.is_file():

@@ -16,8 +16,8 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.time_zone import local_time, time_zone
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, MINUTE_NS, SECOND_NS
 from robot_energy.timeline.time_series import Column, TimeSeries
+from robot_energy_history.database import JOB_SUMS
 from robot_energy_history.differences import SLOT_NS
-from robot_energy_history.files import JOB_SUMS
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy_history.rollup import FLAGS, REGULAR, Rolled
 from robot_energy_history.tariffs import day_begin

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.units import DAY_NS, MINUTE_NS
+from robot_energy_history.database import LEVELS
 from robot_energy_history.differences import SLOT_NS, UNRESOLVED, CountedSpan
-from robot_energy_history.files import LEVELS
+from robot_energy_history.jobs import roll_jobs, roll_jobs_again
 from robot_energy_history.readings import COLUMNS, IMPORT, JOINT_COLUMNS
-from robot_energy_history.rows import put_slot, roll_jobs, roll_jobs_again
+from robot_energy_history.rows import put_slot
 
 QUARTERS = DAY_NS // SLOT_NS
 MAX_DAYS = 2**20  # since 1970, of which stamps reach 106,751
@@ -100,7 +101,11 @@ def curves_of(blobs: Sequence[bytes]) -> NDArray[np.int64]:
 
 
 def roll(connection: sqlite3.Connection, rolled: Rolled, now_ns: int) -> Rolled:
-    """Return up to where it is rolled up, once some of the days that have ended are."""
+    """Roll up days that have ended, some at once.
+
+    Returns:
+        Up to where it is rolled up.
+    """
     until, target = rolled.until_ns, (now_ns - LATE_NS) // DAY_NS * DAY_NS
     for _ in range(DAYS_AT_ONCE):
         day = _next_day(connection, until)

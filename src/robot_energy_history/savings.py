@@ -173,7 +173,9 @@ class EnergySavings(TimeSeries):
     saved: Annotated[float, "Over all reported days; negative where more was used. [kWh]"] = 0.0
     band: Annotated[float, "Half width of its 90 % band. [kWh]"] = 0.0
     expected: Annotated[float, "Energy that these days would have used. [kWh]"] = 0.0
-    claimed: Annotated[bool, "Whether a saving is certain; one in a thousand is none."] = False
+    claimed: Annotated[
+        bool, "Whether a saving is certain: one time in a thousand there is none."
+    ] = False
     notes: Annotated[tuple[str, ...], "What to know of it, a sentence each."] = ()
 
 

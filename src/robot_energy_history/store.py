@@ -21,6 +21,7 @@ from typing import Any
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.foundation.units import DAY_NS
 from robot_energy_history.bags import BAG, BagReadings, give_way, has_bag, put_bag
+from robot_energy_history.database import FILE, open_writer, prepare, take_lock, unusable
 from robot_energy_history.differences import (
     Epoch,
     Event,
@@ -33,10 +34,10 @@ from robot_energy_history.differences import (
     supersedes,
     thinned,
 )
-from robot_energy_history.files import FILE, open_writer, prepare, take_lock, unusable
 from robot_energy_history.readings import OBSERVED, LearnedFriction, Reading
 from robot_energy_history.rollup import Rolled, forget_minutes, put_span, roll, thin
-from robot_energy_history.rows import WaitingNotes, attempt, put_epoch, put_events, reading_from
+from robot_energy_history.rows import attempt, put_epoch, put_events, reading_from
+from robot_energy_history.waiting_notes import WaitingNotes
 
 MAX_ROBOTS = 200
 MAX_WAITING = 120  # readings of a robot that wait for the disk
@@ -175,7 +176,11 @@ class HistoryStore:
         return self._connection is not None and has_bag(self._connection, name)
 
     def add_bag(self, bag: BagReadings) -> int:
-        """Return the time of a bag that others have recorded, and put the rest in at once. [ns]"""
+        """Put a replayed bag in at once.
+
+        Returns:
+            The time of it that others have recorded, which is left out. [ns]
+        """
         connection = self._connection
         if connection is None:
             raise HistoryError(f"the history in {self.folder} is not open", "an open one")

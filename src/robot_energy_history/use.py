@@ -103,24 +103,32 @@ def costs(
 
 
 def _priced(sums: Sums, robots: int) -> Costs:
+    """Multiply sums by their prices and factors, each once."""
     found: Costs = {name: np.zeros(robots, np.int64) for name in (*ENERGIES, "priced_microjoule")}
     found |= {name: np.zeros(robots) for name in ("cost", "co2_kg")}
     for rest in RESTS:
         found |= {f"standby_{rest}_microjoule": np.zeros(robots, np.int64),
                   f"standby_{rest}_cost": np.zeros(robots)}  # fmt: skip
+    shares: dict[tuple[str, float], NDArray[np.int64]] = {}
+
+    def add(name: str, factor: float | None, energy: NDArray[np.int64]) -> None:
+        if factor is not None:
+            key = (name, factor)
+            shares[key] = shares[key] + energy if key in shares else energy
+
     for use, energy in sums.items():
         imported, standby = energy.T
         for name, own in zip(ENERGIES, energy.T, strict=True):
             found[name] += own
+        add("cost", use.price, imported)
+        add("co2_kg", use.co2, imported)
         if use.price is not None:
             found["priced_microjoule"] += imported
-            found["cost"] += imported / MICROJOULE_PER_KWH * use.price
-        if use.co2 is not None:
-            found["co2_kg"] += imported / MICROJOULE_PER_KWH * use.co2
         if use.rest:
             found[f"standby_{use.rest}_microjoule"] += standby
-            if use.price is not None:
-                found[f"standby_{use.rest}_cost"] += standby / MICROJOULE_PER_KWH * use.price
+            add(f"standby_{use.rest}_cost", use.price, standby)
+    for (name, factor), own in shares.items():
+        found[name] += own / MICROJOULE_PER_KWH * factor
     return found
 
 

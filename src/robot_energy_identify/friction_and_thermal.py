@@ -75,10 +75,9 @@ def find_friction(
     joints = range(len(model.joints))
     axes = [friction_data(recordings, joint) for joint in joints]
     falls = find_falls(recordings, axes, source)
-    if falls:
-        model = with_falls(model, falls)
-        recordings = at_shaft(recordings, model)
-        axes = [friction_data(recordings, joint) for joint in joints]
+    model = with_falls(model, falls)  # which may keep others
+    recordings = at_shaft(recordings, model)
+    axes = [friction_data(recordings, joint) for joint in joints]
     air = model.temperature.ambient_degc
     gears, axes = fit_gears(axes, None if air is None else air.value, source)
     fits, refused = fit_axes(axes, source)

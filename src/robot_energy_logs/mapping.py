@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from robot_energy.foundation.config_file import parse_yaml, read_text, validated
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.foundation.time_zone import MAX_NAME, time_zone
 from robot_energy.physics.drivetrain import Drivetrain
@@ -112,6 +113,7 @@ class CouplingEntry(MappingEntry):
     ratio: Number
 
 
+@documented
 class LogRobot(MappingEntry):
     """The robot, where there is no model file of it."""
 
@@ -120,6 +122,7 @@ class LogRobot(MappingEntry):
     coupling: Annotated[tuple[CouplingEntry, ...], "Motors that turn along with other joints."] = ()
 
 
+@documented
 class ReferenceFriction(MappingEntry):
     """Published friction, to be printed next to the fit, joint side."""
 

@@ -69,8 +69,10 @@ def error_bars(
 SEEN = {"held_out": "held out", "fitted": "used in the fit", "unknown": "not known"}
 ROLES: dict[str, Role] = {MODEL: "predicted", FIXED: "fixed"}
 SIDES = {
-    "motor_torque": "the motor torque that the driver reports",
-    "motor_current": "reported current x torque_constant of the model file",
+    "motor_torque": "the motor torque that the driver reports x "
+    "(1 - torque_constant_fall (T - 20))",
+    "motor_current": "reported current x torque_constant of the model file x "
+    "(1 - torque_constant_fall (T - 20))",
     "joint_torque": "reported joint torque through the gears",
 }
 

@@ -47,8 +47,10 @@ INPUT_NAMES = {
 }
 FIRST = "Where the energy went"
 CAVEATS = {
-    "motor_current": "measured = reported current x torque_constant of the model file x speed",
-    "motor_torque": "measured = reported motor torque x motor speed",
+    "motor_current": "measured = reported current x torque_constant of the model file x "
+    "(1 - torque_constant_fall (T - 20)) x speed",
+    "motor_torque": "measured = reported motor torque x (1 - torque_constant_fall (T - 20)) x "
+    "motor speed",
     "joint_torque": "measured = reported joint torque through the gears x motor speed; a sensor "
     "behind the gear sees neither rotor inertia nor the friction before it",
 }

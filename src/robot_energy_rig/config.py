@@ -106,10 +106,14 @@ class RigConfig(Described):
         return [name for name, value in self.__dict__.items() if isinstance(value, bool)]
 
     def having(self, *effects: str) -> RigConfig:
-        return self.without(*effects, on=True)
+        """Return a copy with the named effects on."""
+        return self._switched(effects, True)
 
-    def without(self, *effects: str, on: bool = False) -> RigConfig:
-        """Return a copy with the named effects off, or on."""
+    def without(self, *effects: str) -> RigConfig:
+        """Return a copy with the named effects off."""
+        return self._switched(effects, False)
+
+    def _switched(self, effects: Sequence[str], on: bool) -> RigConfig:
         for effect in effects:
             if effect not in self._switches:
                 raise RigError(f"the rig has no effect '{effect}'", ", ".join(self._switches))

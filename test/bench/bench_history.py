@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from histories import DAY, HOUR, MINUTE, START, Robot
 from robot_energy_history.api import history, history_jobs
-from robot_energy_history.files import JOB_SUMS, open_reader
+from robot_energy_history.database import JOB_SUMS, open_reader
 from robot_energy_history.readings import COLUMNS
 from robot_energy_history.rollup import Rolled, curve_id
 from robot_energy_history.store import HistoryStore

@@ -17,7 +17,7 @@ sys.path.append(str(Path(__file__).resolve().parent.parent))
 from histories import DAY, MINUTE, START, Course, run_course
 from robot_energy_history.api import history
 from robot_energy_history.check import check
-from robot_energy_history.files import open_reader
+from robot_energy_history.database import open_reader
 
 MINUTES = (12.0, 0.5)
 IMPORT = "predicted_import_microjoule"

@@ -90,10 +90,12 @@ MODULES = {
         blocks pieces stamps streams time_series
     """,
     "robot_energy_cli": """
-        check command commands dashboards export fleet history identify identify_drives
-        identify_dynamics identify_excitation identify_inputs import_logs info listings
-        main model_reference models motions replay replay_arguments report result_schema
-        simulate terminal test
+        advise check command commands completion export fleet_identify fleet_report
+        fleet_run history identify_all identify_drives identify_dynamics
+        identify_excitation identify_friction identify_inputs identify_metered
+        identify_thermal import_logs info kinds layouts main model_reference models
+        monitoring optimize predict replay replay_arguments report result_schema schema
+        shared_bus simulate terminal test tool_options
     """,
     "robot_energy_fleet": """
         api bag_joints bag_list bag_places bag_row bag_sums dataset findings fleet_run identify
@@ -109,8 +111,8 @@ MODULES = {
         advice fleet
     """,
     "robot_energy_history": """
-        api bags check differences files outputs queries readings rollup rows savings
-        store tariffs use
+        api bags check database differences jobs outputs queries readings rollup rows savings
+        store tariffs use waiting_notes
     """,
     "robot_energy_identify": """
         auxiliary blas_threads bounds friction_and_thermal options plausibility provenance

@@ -13,6 +13,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite, nan, sqrt
+from operator import add
 from typing import Annotated
 
 import numpy as np
@@ -54,6 +55,7 @@ EARLY_NS = 5 * SECOND_NS  # a reading stamped this much later than the predictio
 ALONE_NS = 10 * SECOND_NS  # a jump of one side that the other does not follow by then
 ALONE_READINGS = 3  # of the meter that must have come meanwhile
 MAX_LATE = 0.02  # of the measured energy that the lag of the meter may make
+MILLIWATT = 1e-3  # [W]
 NEAR_NS = 60 * SECOND_NS  # pieces that much later may still be of the same clock
 
 
@@ -96,7 +98,7 @@ class Comparison(ExactSum):
         lag: How late the meter shows what is drawn, where nothing is stated.
         minute: Sums over the newest minute.
         swing: Of the predicted power over what was compared, as whole numbers: time [ns], energy
-            [nJ], power squared over time [W^2 s]; replaced, never changed.
+            [nJ], power squared over time [mW^2 s]; replaced, never changed.
         compared_ns: Time over which both were integrated. [ns]
         patience_ns: How long predicted power waits for the meter. [ns]
         early_since_ns: Predicted stamp since which readings are stamped more than
@@ -114,7 +116,7 @@ class Comparison(ExactSum):
         super().__init__(2)  # measured, predicted
         self._stated = response
         self.lag, self.minute = LagEstimate(), NewestMinute()
-        self.swing: Int = np.zeros(3, dtype=np.int64)
+        self.swing = [0, 0, 0]
         self.curve = MeterCurve(max_gap, max_power, wraps_at)
         self.location = MeterLocation.UNKNOWN
         self.meaning = MeterMeaning.UNKNOWN
@@ -144,13 +146,14 @@ class Comparison(ExactSum):
         """What the lag of the meter makes of the compared energies, +- in nine of ten cases. [J]
 
         A meter that is late by T shows T dP less than is drawn, dP the change of the power from the
-        first reading to the last. Until its lag is known it may be as late as any that is found.
+        first reading to the last. Until its lag is known it may be as late as any that is found; a
+        counter is not late.
         """
-        known = self._stated is not None or self.lag.known
+        known = self.meaning is MeterMeaning.CUMULATIVE or self._stated or self.lag.known
         lag = abs(self.response.time_constant + self.response.delay) if known else MAX_LAG
-        time_ns, drawn, squares = self.swing.tolist()
+        time_ns, drawn, squares = self.swing
         time = max(time_ns, 1) * NANOSECOND
-        variance = squares / time - (drawn / NANOJOULE_PER_JOULE / time) ** 2
+        variance = squares * MILLIWATT**2 / time - (drawn / NANOJOULE_PER_JOULE / time) ** 2
         return lag * Z90 * sqrt(2.0 * max(variance, 0.0))
 
     @property
@@ -172,7 +175,7 @@ class Comparison(ExactSum):
     def reset(self) -> None:
         """Begin at zero; what still waits for the meter is compared later."""
         super().reset()
-        self.compared_ns, self.swing = 0, np.zeros_like(self.swing)
+        self.compared_ns, self.swing = 0, [0, 0, 0]
 
     def interrupt(self) -> None:
         """Compare nothing between the last and the next sample."""
@@ -350,8 +353,11 @@ class Comparison(ExactSum):
         result, energy, end_ns = found or _compared(predicted, measured, start, until)
         self.add(energy)
         drawn, time = result.drawn, result.duration_ns * NANOSECOND
-        swing = np.stack([result.duration_ns, drawn * NANOJOULE_PER_JOULE, drawn * drawn / time])
-        self.swing = self.swing + np.rint(swing).astype(np.int64).sum(axis=1)
+        swing = np.stack(
+            [result.duration_ns, drawn * NANOJOULE_PER_JOULE, (drawn / MILLIWATT) ** 2 / time]
+        )
+        more = np.rint(swing).astype(np.int64).sum(axis=1).tolist()
+        self.swing = [*map(add, self.swing, more)]
         self.compared_ns += int(result.duration_ns.sum())
         return result, end_ns
 

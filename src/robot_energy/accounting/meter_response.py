@@ -41,6 +41,7 @@ MIN_STILL = 8.0  # s of equal readings that are worth a sentence
 MIN_READINGS = 10  # among them
 VARIES = 0.2  # standard deviation over mean of the power of a robot that works: 0.6 to 1
 SIGNIFICANT = 3.0  # standard deviations of a lag that is believed
+SQUARES_UNIT = 1e3  # whole numbers of squared power over time in one W² s
 WINDOW = 60  # of the rolling residual [s]
 MAX_WAITING = 4096  # intervals whose sums are made together
 Sums = list[int]  # compared time [ns], measured energy [nJ], predicted energy [nJ]
@@ -208,6 +209,8 @@ def _energy_at(rows: _Followed, time_ns: Int, side: str) -> Float:
 class StillReadings:
     """Readings that stay the same to the digit while the predicted power changes.
 
+    Sums are integers, so the cutting of the input makes no difference.
+
     Attributes:
         longest: Time [s] and value [W] of the longest such run that has ended; 0 s for none.
     """
@@ -215,42 +218,50 @@ class StillReadings:
     def __init__(self) -> None:
         self.longest = (0.0, 0.0)
         self._power, self._stamp_ns = np.nan, 0
-        self._sums = np.zeros(4)  # time, energy, power squared over time, readings of the open run
+        self._sums: Int = np.zeros(5, dtype=np.int64)  # of the run that goes on, see `_still`
 
     @property
     def open(self) -> tuple[float, float]:
         """The same of the run that goes on."""
-        return _still(self._sums), self._power
+        return _still(self._sums.tolist())
 
     def take(self, compared: Compared) -> None:
         """Take what became comparable, one interval or more."""
-        seconds, drawn = compared.duration_ns * NANOSECOND, compared.drawn
-        power = compared.measured / seconds
+        measured, drawn = compared.measured, compared.drawn
+        seconds = compared.duration_ns * NANOSECOND
+        power = measured / seconds
         before = np.append(self._power, power[:-1])
         fresh = compared.stamp_ns != np.append(self._stamp_ns, compared.stamp_ns[:-1])
         differs = ~(np.abs(power - before) <= SAME * np.abs(before))
-        starts = np.flatnonzero(differs)
-        bounds = starts if differs[0] else np.append(0, starts)
-        table = np.column_stack([seconds, drawn, drawn * drawn / seconds, fresh])
-        sums = np.add.reduceat(table, bounds, axis=0)
-        values = [*power[bounds[:1]], *power[bounds[1:]]]
-        if differs[0]:
-            sums, values = np.concatenate([self._sums[None], sums]), [self._power, *values]
+        sums = np.stack([measured, drawn, drawn * drawn / seconds * SQUARES_UNIT])
+        sums[:2] *= NANOJOULE_PER_JOULE
+        table = np.stack([compared.duration_ns, fresh, *np.rint(sums).astype(np.int64)], axis=1)
+        differs[0], goes_on = True, not differs[0]
+        runs = np.add.reduceat(table, np.flatnonzero(differs), axis=0)
+        if goes_on:
+            runs[0] += self._sums
         else:
-            sums[0] += self._sums
-        for row in np.flatnonzero(sums[:-1, 0] >= MIN_STILL).tolist():
-            self.longest = max(self.longest, (_still(sums[row]), float(values[row])))
-        self._sums, self._power = sums[-1], float(power[-1])
+            runs = np.concatenate([self._sums[None], runs])
+        for run in runs[:-1][runs[:-1, 0] * NANOSECOND >= MIN_STILL].tolist():
+            self.longest = max(self.longest, _still(run))
+        self._sums, self._power = runs[-1], float(power[-1])
         self._stamp_ns = int(compared.stamp_ns[-1])
 
 
-def _still(sums: Float) -> float:
-    """Time of a run of equal readings in which the predicted power varies; 0 if not. [s]"""
-    seconds, energy, squares, readings = sums.tolist()
+def _still(run: list[int]) -> tuple[float, float]:
+    """Time [s] and value [W] of a run of equal readings while the predicted power varies; else 0.
+
+    Args:
+        run: Time [ns], readings, measured and predicted energy [nJ], and the sum of squared
+            predicted power over time [0.001 W² s].
+    """
+    time_ns, readings, measured, drawn, squares = run
+    seconds = time_ns * NANOSECOND
     if seconds < MIN_STILL or readings < MIN_READINGS:
-        return 0.0
-    mean = energy / seconds
-    return seconds if squares / seconds - mean**2 > (VARIES * mean) ** 2 else 0.0
+        return 0.0, 0.0
+    mean = drawn / time_ns
+    varies = squares / SQUARES_UNIT / seconds - mean**2 > (VARIES * mean) ** 2
+    return (seconds, measured / time_ns) if varies else (0.0, 0.0)
 
 
 class MeterSums:

@@ -133,7 +133,7 @@ class PowerDeviation:
         viscous_std: Float,
         shared_std: Float,
         held: Float,
-        fan_power: Float | float,
+        fan_powers: Float | None,
         payload_mass: Float,
         balance: Balance,
         stamp_ns: Int,
@@ -150,7 +150,7 @@ class PowerDeviation:
             viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
             shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
-            fan_power: That is to be expected, shape (N,). [W]
+            fan_powers: As of `FigureDeviations.grid_side`, shape (2, N). [W]
             payload_mass: In force, shape (N,). [kg]
             stamp_ns: Shape (N,). [ns]
         """
@@ -212,7 +212,7 @@ class PowerDeviation:
         np.multiply(figures.payload, of_payload, out=payload)
         np.multiply(figures.bodies, rigid - of_payload, out=bodies)
         loss_dc[:] = figures.loss_dc
-        of_grid = figures.loss_grid if figures.fan is None else figures.grid_side(fan_power)
+        of_grid = figures.loss_grid if figures.fan is None else figures.grid_side(fan_powers)
         loss_grid[:] = np.hypot(of_grid, figures.at_rest)
         unexplained = (UNEXPLAINED * self._recent_peak(stamp_ns, moved)) ** 2
         np.multiply(2.0 * UNEXPLAINED_TIME, unexplained, out=random)

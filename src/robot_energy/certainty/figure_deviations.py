@@ -96,19 +96,23 @@ class FigureDeviations:
         self.friction = FrictionModel.from_model(model)
         self._exponent_velocity, self.exponent_std = _exponents(model)
 
-    def grid_side(self, fan_power: Float | float) -> Float | float:
+    def grid_side(self, fan_powers: Float | None) -> Float | float:
         """Return the deviation of the loss on the grid side, shape () or (N,). [W]
 
-        A fan that runs with the probability p errs by ``P_fan sqrt(p (1 - p))``, and its power.
+        A fan runs with the probability q where no recording says how it begins. About ``p P_fan``
+        its mean square is ``q (1 - p)^2 P_fan^2 + (1 - q) p^2 P_fan^2``. Its power errs, too.
 
         Args:
-            fan_power: That is to be expected, ``p P_fan``, shape (N,). [W]
+            fan_powers: ``p P_fan``, which is expected, and ``q P_fan``, shape (2, N). [W]
         """
         fan = self.fan
-        if fan is None or fan.power.value == 0.0:
+        if fan is None or fan_powers is None:
             return self.loss_grid
-        share = fan_power / fan.power.value
-        switched = fan_power * (fan.power.value - fan_power)
+        fan_power, at_any_begin = fan_powers
+        power = fan.power.value
+        share = fan_power / power
+        switched = fan_power * (power - fan_power)
+        switched += (at_any_begin - fan_power) * (power - 2.0 * fan_power)
         known = (share * figure_std(fan.power, "loss_grid")) ** 2
         return np.sqrt(self.loss_grid**2 + switched + known)
 

@@ -252,7 +252,7 @@ def drive_from_model(model: RobotModel) -> Drive:
         )
     if kind.physics is None:
         raise KindError(f"the drive model '{kind.name}' has no physics", "a `Drive`")
-    return with_warm_magnets(kind, kind.physics(entries), TorqueConstants.of(model.joints))
+    return with_warm_magnets(kind, kind.physics(entries), TorqueConstants.of(model))
 
 
 def with_warm_magnets(kind: DriveModel, drive: Drive, constants: TorqueConstants | None) -> Drive:
@@ -266,7 +266,12 @@ def with_warm_magnets(kind: DriveModel, drive: Drive, constants: TorqueConstants
 
 
 class FanStage:
-    """Power of the fan by the temperature of the warmest motor."""
+    """Power of the fan by the temperature of the warmest motor.
+
+    Attributes:
+        powers: ``p P_fan`` and ``q P_fan`` of the last step, q being p without the temperature up
+            to which recordings began without the fan, shape (2, N); None without a fan. [W]
+    """
 
     def __init__(self, cabinet: Cabinet) -> None:
         fan = cabinet.fan
@@ -279,7 +284,8 @@ class FanStage:
             begins = fan.begins_off_to_degc
             self._begins_off = -inf if begins is None else begins.value
             self._widths = width, width if less is None else hypot(width, less.std or 0.0)
-        self._runs: float | None = None  # before any temperature
+        self._runs: Float | None = None  # p and q; before any temperature
+        self.powers: Float | None = None
 
     def step(self, motor_temperature_degc: Float) -> Float | float:
         """Return the power that is to be expected, shape (N,); 0 without a fan. [W]
@@ -291,17 +297,21 @@ class FanStage:
             return 0.0
         warmest = np.fmax.reduce(motor_temperature_degc, axis=1)
         begins = np.flatnonzero(np.diff(warmest, prepend=np.nan) != 0.0)
-        runs = np.empty(len(begins))
+        runs = np.full((2, len(begins)), UNSEEN)
         for place, degc in enumerate(warmest[begins].tolist()):
             if isfinite(degc):
                 least = _warmer(degc, self._on, self._widths[0])
                 most = _warmer(degc, self._off, self._widths[1])
                 before = self._runs
                 if before is None:
-                    before = 0.0 if degc <= self._begins_off else min(UNSEEN, 0.5 * (least + most))
-                self._runs = max(min(before, most), least)
-            runs[place] = UNSEEN if self._runs is None else self._runs
-        return self._power * np.repeat(runs, np.diff(np.append(begins, len(warmest))))
+                    half = min(UNSEEN, 0.5 * (least + most))
+                    before = np.array([0.0 if degc <= self._begins_off else half, half])
+                self._runs = np.maximum(np.minimum(before, most), least)
+            if self._runs is not None:
+                runs[:, place] = self._runs
+        samples = np.diff(np.append(begins, len(warmest)))
+        self.powers = self._power * np.repeat(runs, samples, axis=1)
+        return self.powers[0]
 
 
 def _warmer(degc: float, limit: float, std: float) -> float:

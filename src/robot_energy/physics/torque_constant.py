@@ -9,11 +9,9 @@ SmCo -0.03 to -0.05 %/K, ferrite -0.2 %/K (data sheets).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from robot_energy.model.joint import Joint
+from robot_energy.model.schema import RobotModel
 from robot_energy.physics.equations import REFERENCE_DEGC
 from robot_energy.timeline.blocks import Float
 
@@ -23,27 +21,31 @@ class TorqueConstants:
 
     Args:
         fall: beta, shape (n,). [1/K]
+        fallback_degc: Of motors whose temperature is not known. [degC]
     """
 
-    def __init__(self, fall: Float) -> None:
-        self._fall = fall
+    def __init__(self, fall: Float, fallback_degc: float) -> None:
+        self._fall, self._fallback_degc = fall, fallback_degc
 
     @classmethod
-    def of(cls, joints: Sequence[Joint]) -> TorqueConstants | None:
-        """Return those of joints; None where no torque constant falls."""
-        entries = [joint.torque_constant_fall for joint in joints]
+    def of(cls, model: RobotModel) -> TorqueConstants | None:
+        """Return those of a robot; None where no torque constant falls."""
+        entries = [joint.torque_constant_fall for joint in model.joints]
         if not any(entries):
             return None
-        return cls(np.array([0.0 if entry is None else entry.value for entry in entries]))
+        fall = np.array([0.0 if entry is None else entry.value for entry in entries])
+        return cls(fall, model.temperature.fallback_degc)
 
     def of_joint(self, joint: int) -> TorqueConstants:
         """Return that of one motor."""
-        return TorqueConstants(self._fall[joint : joint + 1])
+        return TorqueConstants(self._fall[joint : joint + 1], self._fallback_degc)
 
     def left(self, motor_temperature_degc: Float) -> Float:
-        """Return the share that is left, 1 where the temperature is not known. [-]
+        """Return the share that is left. [-]
 
         Args:
             motor_temperature_degc: NaN where unknown, shape (N, n). [degC]
         """
-        return 1.0 - self._fall * np.nan_to_num(motor_temperature_degc - REFERENCE_DEGC)
+        unknown = np.isnan(motor_temperature_degc)
+        degc = np.where(unknown, self._fallback_degc, motor_temperature_degc)
+        return 1.0 - self._fall * (degc - REFERENCE_DEGC)

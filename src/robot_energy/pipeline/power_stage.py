@@ -58,7 +58,7 @@ class _Supplied(Described):
     drive_loss: Annotated[Float, "Drive input minus shaft power, shape (N, n). [W]"]
     bus_power: Annotated[Float, "Of all drives, shape (N,). [W]"]
     phase: Annotated[NDArray[np.uint8], "Shape (N,)."]
-    fan_power: Annotated[Float | float, "Shape (N,). [W]"]
+    fan_powers: Annotated[Float | None, "As of `FanStage`, shape (2, N). [W]"]
     balance: Balance
 
 
@@ -98,7 +98,9 @@ class SupplyStage:
             mark(quality, np.logical_or.reduce(extrapolated, axis=1), Quality.DRIVE_EXTRAPOLATED)
         bus = sum_over_joints(drawn)
         bus[np.abs(bus) > MAX_POWER] = np.nan
-        fan = 0.0 if self._fan is None else self._fan.step(degc)
+        fan, powers = 0.0, None
+        if self._fan is not None:
+            fan, powers = self._fan.step(degc), self._fan.powers
         balance = self.cabinet.step(block.stamp_ns, block.segment, bus, fan)
         phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
         phase[standing.all(axis=1)] = Phase.HOLD
@@ -107,7 +109,7 @@ class SupplyStage:
         if not finite.all():
             mark(quality, ~finite, Quality.NOT_FINITE)
             phase[~finite] = Phase.UNKNOWN
-        return _Supplied(drawn - shaft, bus, phase, fan, balance)
+        return _Supplied(drawn - shaft, bus, phase, powers, balance)
 
     @np.errstate(invalid="ignore", over="ignore")
     def again(self, power: PowerBlock) -> PowerBlock:
@@ -225,7 +227,7 @@ class PowerStage:
         self._hold = self._supply.hold
         # The power node does not know the meaning of an effort: then it is that of a motor.
         by_current = settings.effort is not EffortMeaning.JOINT_TORQUE
-        self._constants = TorqueConstants.of(model.joints) if by_current else None
+        self._constants = TorqueConstants.of(model) if by_current else None
         self._deviation = PowerDeviation(model)
         self.watch = StuckTemperatureDetector(model)
         self._unwatched: list[tuple[Int, Int, Float, Float]] = []  # since `watch` was asked
@@ -332,7 +334,7 @@ class PowerStage:
         held = np.zeros_like(torque)
         if held_std is not None and self._settings.deviations:
             held = self._hold.loss_std(self._supply.drive, wound, held_std, winding)
-        deviation = self._deviations(block, (*of_motors, held), supplied.fan_power, balance)
+        deviation = self._deviations(block, (*of_motors, held), supplied.fan_powers, balance)
         power = PowerBlock(
             stamp_ns=block.stamp_ns,
             segment=block.segment,
@@ -360,7 +362,7 @@ class PowerStage:
         self,
         block: TorqueBlock,
         of_motors: tuple[Float, ...],
-        fan_power: Float | float,
+        fan_powers: Float | None,
         balance: Balance,
     ) -> HeldRows:
         """Deviations of the power from the first finite sample of each 10 ms on, or after NaN."""
@@ -377,7 +379,7 @@ class PowerStage:
         if len(rows):
             held = self._deviation.columns(
                 *map(itemgetter(rows), of_motors),
-                fan_power=fan_power[rows] if isinstance(fan_power, np.ndarray) else fan_power,
+                fan_powers=None if fan_powers is None else fan_powers[:, rows],
                 payload_mass=block.payload_mass[rows],
                 balance=Balance(*map(itemgetter(rows), vars(balance).values())),
                 stamp_ns=block.stamp_ns[rows],

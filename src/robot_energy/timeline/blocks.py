@@ -237,7 +237,9 @@ class TorqueBlock(Block):
     motor_velocity: Annotated[Float, "Motor side, shape (N, n). [rad/s]"]
     motor_torque_rigid: Annotated[Float, "Motor side with rotor inertia, shape (N, n). [N m]"]
     motor_torque_measured: Annotated[
-        Float, "Motor side, from the effort of the driver, shape (N, n); NaN where unknown. [N m]"
+        Float,
+        "Motor side, from the effort of the driver, not corrected for warm magnets, shape (N, n); "
+        "NaN where unknown. [N m]",
     ]
     payload_mass: Annotated[Float, "Mass of all payload in force, shape (N,). [kg]"]
 
@@ -317,7 +319,9 @@ class PowerBlock(SupplyBlock):
     phase: Annotated[NDArray[np.uint8], "`Phase` values, shape (N,)."]
     motor_velocity: Annotated[Float, "Motor side, shape (N, n). [rad/s]"]
     motor_torque: Annotated[Float, "Rigid plus friction, motor side, shape (N, n). [N m]"]
-    motor_torque_measured: Annotated[Float, "Motor side, shape (N, n); NaN where unknown. [N m]"]
+    motor_torque_measured: Annotated[
+        Float, "At the shaft, with warm magnets, shape (N, n); NaN where unknown. [N m]"
+    ]
     shaft_power_measured: Annotated[
         Float, "Measured torque times speed, NaN: unknown, shape (N, n). [W]"
     ]

@@ -60,7 +60,9 @@ class AdviceReport(Result, name="advice"):
     unproven: Annotated[tuple[Advice, ...], "Savings that are smaller than their own uncertainty."]
     without: Annotated[Texts, "What these recordings do not show, and why, one sentence each."]
     energy_per_hour: Annotated[float, "Saved in an hour by all claims that do not overlap. [J]"]
-    half_per_hour: Annotated[float, "Half width of its 90 % band: the sum of all bands. [J]"]
+    half_per_hour: Annotated[
+        float, "Half width of its 90 % band: the sum of all, as they rest on one model. [J]"
+    ]
     energy_per_year: Annotated[Number, "The same in a year; None where that is not known. [J]"]
     half_per_year: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     counted: Annotated[Texts, "Names of the advice in that sum."]

@@ -170,5 +170,8 @@ class FleetFriction(Result, name="fleet_friction"):
     robots: Annotated[int, "Number of robots used."]
     axes: Annotated[tuple[FrictionFit, ...], "Friction of each joint."]
     refused: Annotated[Texts, "Why other joints could not be identified, one sentence each."]
-    held_out: Annotated[tuple[FleetTorqueScore, ...], "Errors on the newest fifth of the bags."]
+    held_out: Annotated[
+        tuple[FleetTorqueScore, ...],
+        "Errors on the newest fifth of the bags, of a fit that has not seen them.",
+    ]
     left_out: Annotated[Texts, "Robots whose friction differs from that of their sisters."]

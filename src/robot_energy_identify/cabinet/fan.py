@@ -35,7 +35,7 @@ from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.levels import level_step, levels_of
 from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.drives.drive_data import COOL, winding_torque
+from robot_energy_identify.drives.drive_data import COOL, shaft_torque, winding_torque
 from robot_energy_identify.drives.losses import TERMS, loss_columns
 from robot_energy_identify.drives.total_power import BY_LEVELS
 from robot_energy_identify.stats.regression import estimate
@@ -267,13 +267,14 @@ class PowerStep:
 def with_begin(fan: CabinetFan, recordings: Sequence[Recording], source: str) -> CabinetFan:
     """Return the fan with the warmest begin of a recording that shows that it did not run.
 
-    Only where its model leaves that open: between the temperatures of its stop and its start.
+    Only where its model leaves that open, between the temperatures of its stop and its start, and
+    below the coldest begin there at which it ran.
 
     Args:
         recordings: By the model with this fan and the drives of these recordings.
         source: Where the data come from.
     """
-    found: list[float] = []
+    found: dict[bool, list[float]] = {False: [], True: []}
     for part in recordings:
         cabinet = part.model.cabinet
         warmest = np.fmax.reduce(part.power.motor_temperature_degc, axis=1)
@@ -282,16 +283,19 @@ def with_begin(fan: CabinetFan, recordings: Sequence[Recording], source: str) ->
         if np.any(open_at):
             rests = _rests(part)
             constant = cabinet.loss_dc.value + cabinet.loss_grid.value
-            if stands(rests, fan, constant):
-                found.append(float(known[0]))
-    if not found:
+            seen = runs_at_begin(rests, fan, constant)
+            if seen is not None:
+                found[seen].append(float(known[0]))
+    coldest = min(found[True], default=np.inf)
+    off = [degc for degc in found[False] if degc < coldest]
+    if not off:
         return fan
-    begins = Figure(value=max(found), tag="identified", source=source)
+    begins = Figure(value=max(off), tag="identified", source=source)
     return fan.model_copy(update={"begins_off_to_degc": begins})
 
 
-def stands(rests: Rests, fan: CabinetFan, constant: float) -> bool:
-    """Return whether rests before any start show that a fan does not run.
+def runs_at_begin(rests: Rests, fan: CabinetFan, constant: float) -> bool | None:
+    """Return whether a fan runs in rests before any start; None if they do not show it.
 
     Args:
         constant: Of the cabinet without it. [W]
@@ -300,10 +304,11 @@ def stands(rests: Rests, fan: CabinetFan, constant: float) -> bool:
     before = rests.warmest_degc <= start.value - NOT_YET * (start.std or 0.0)
     power = rests.power[before]
     if len(power) < AROUND:
-        return False
+        return None
     middle = float(np.median(power))
     scatter = MEDIAN_TO_STD * float(np.median(np.abs(power - middle))) / len(power) ** 0.5
-    return middle - constant + SURE * scatter < 0.5 * fan.power.value
+    above = middle - constant - 0.5 * fan.power.value
+    return above > 0.0 if abs(above) > SURE * scatter else None
 
 
 def find_fan(recordings: Sequence[Recording]) -> FanFit:
@@ -395,7 +400,10 @@ def _rests(part: Recording) -> Rests:
     fall = np.nan_to_num(so_far - warmest)  # where it is unknown, it counts as warm
     middle = 0.5 * NANOSECOND * (pieces.stamp_ns + pieces.end_ns)
     row = row_of(part, pieces)
-    torque, degc = winding_torque(part)[row], part.power.motor_temperature_degc[row]
+    torque, degc = (
+        winding_torque(part, shaft_torque(part))[row],
+        part.power.motor_temperature_degc[row],
+    )
     heat = loss_columns(np.zeros_like(torque), torque, np.where(np.isnan(degc), COOL, degc))
     values = (middle, power, so_far[row], heat[..., TERMS.index("copper")], fall[row])
     known = np.flatnonzero(np.isfinite(np.column_stack(values)).all(axis=1))

@@ -17,7 +17,7 @@ from robot_energy.timeline.blocks import Float
 from robot_energy_identify.cabinet.link_readings import LinkReadings, readings_of
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.all_drives import DrivesFound
-from robot_energy_identify.drives.drive_data import COOL
+from robot_energy_identify.drives.drive_data import COOL, winding_torque
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, loss_columns
 from robot_energy_identify.drives.total_sums import COEFFICIENTS
 from robot_energy_identify.friction.samples import bodies_identified
@@ -108,9 +108,10 @@ def _change_of_drives(part: Recording, error: _Error) -> Float:
     """What an error makes of the power of the drives of a recording, shape (N,). [W]"""
     std, power = part.sensors.std, part.power
     degc = power.motor_temperature_degc
-    columns = loss_columns(
-        power.motor_velocity, power.motor_torque, np.where(np.isfinite(degc), degc, COOL)
-    )[..., 1:]
+    heating = winding_torque(part, power.motor_torque)
+    columns = loss_columns(power.motor_velocity, heating, np.where(np.isfinite(degc), degc, COOL))[
+        ..., 1:
+    ]
     change = np.einsum("njr,rj->n", columns, error.coefficients)
     identified = bodies_identified(part.model)
     if error.joint is not None and error.cause in (TORQUE, THERMOMETER):

@@ -82,7 +82,10 @@ class Evidence(Described):
     position: Annotated[Float, "Shape (N, n). [rad] or [m]"]
     velocity: Annotated[Float, "Shape (N, n). [rad/s] or [m/s]"]
     acceleration: Annotated[Float, "NaN without a full window, shape (N, n). [rad/s^2] or [m/s^2]"]
-    motor_torque: Annotated[Float, "Measured, shape (N, n); NaN where unknown. [N m]"]
+    motor_torque: Annotated[
+        Float,
+        "Measured, at the shaft where its power is known, shape (N, n); NaN if unknown. [N m]",
+    ]
     temperature_degc: Annotated[Float, "Motor temperatures that were used, shape (N, n). [degC]"]
     moving: Annotated[NDArray[np.bool_], "Which samples of which joint move, shape (N, n)."]
     supply: Annotated[SupplyBlock | None, "Predicted powers of every sample."] = None
@@ -167,20 +170,16 @@ def evidence_of(
         beyond_torque = limit_watch.sentences()
     torque = torque[np.asarray(torque.payload_mass == torque.payload_mass[-1])]
     doubtful = (torque.quality & np.uint32(DOUBTFUL)) != 0
-    torque = replace(
-        torque,
-        joint_acceleration=np.where(doubtful[:, None], np.nan, torque.joint_acceleration),
-        motor_torque_measured=torque.motor_torque_measured
-        if effort is not EffortMeaning.NONE
-        else np.full(torque.joint_position.shape, np.nan),
-    )
+    acceleration = np.where(doubtful[:, None], np.nan, torque.joint_acceleration)
+    torque = replace(torque, joint_acceleration=acceleration)
     known = np.isfinite(torque.joint_position).all(axis=1)
     torque = torque[np.asarray(known & np.isfinite(torque.joint_velocity).all(axis=1))]
     temperature = np.full(torque.joint_position.shape, np.nan)
-    supply = shafts = None
+    measured, supply, shafts = torque.motor_torque_measured.copy(), None, None
     if power is not None:
         _, ours, theirs = np.intersect1d(torque.stamp_ns, power.stamp_ns, return_indices=True)
         temperature[ours] = power.motor_temperature_degc[theirs]
+        measured[ours] = power.motor_torque_measured[theirs]  # at the shaft
         supply, shafts = power.supply, power.shaft_power_measured
     return Evidence(
         model=model,
@@ -192,7 +191,7 @@ def evidence_of(
         position=torque.joint_position,
         velocity=torque.joint_velocity,
         acceleration=torque.joint_acceleration,
-        motor_torque=torque.motor_torque_measured,
+        motor_torque=np.full_like(measured, np.nan) if effort is EffortMeaning.NONE else measured,
         temperature_degc=temperature,
         moving=moving(model, torque.stamp_ns, torque.joint_velocity),
         supply=supply,

@@ -201,9 +201,13 @@ def shaft_torque(recording: Recording) -> Float:
     return hold.in_winding(power.motor_torque, power.motor_torque_measured, standing)[0]
 
 
-def winding_torque(recording: Recording) -> Float:
-    """Return the torque that the current of the windings says, likewise, shape (N, n). [N m]"""
-    torque, constants = shaft_torque(recording), TorqueConstants.of(recording.model.joints)
+def winding_torque(recording: Recording, torque: Float) -> Float:
+    """Return the torque that the current of the windings says.
+
+    Args:
+        torque: At the shaft, shape (N, n). [N m]
+    """
+    constants = TorqueConstants.of(recording.model)
     if constants is None:
         return torque
     return torque / constants.left(recording.power.motor_temperature_degc)
@@ -265,7 +269,7 @@ def drive_data(
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
         np.concatenate(fans) if isinstance(fans[0], np.ndarray) else None,
-        TorqueConstants.of(recordings[0].model.joints),
+        TorqueConstants.of(recordings[0].model),
     )
 
 

@@ -91,10 +91,7 @@ def find_falls(
 ) -> tuple[FallingConstant, ...]:
     """Return the torque constants that fall, of axes whose torque is known by a current."""
     found: list[FallingConstant] = []
-    efforts = [
-        EffortMeaning.NONE if one.replay is None else one.replay.effort for one in recordings
-    ]
-    for axis in axes if all(effort in BY_CURRENT for effort in efforts) else ():
+    for axis in axes if _by_current(recordings) else ():
         try:
             found.append(fit_fall(axis, source))
         except NotIdentifiableError:
@@ -109,9 +106,12 @@ def with_falls(model: RobotModel, found: Sequence[FallingConstant]) -> RobotMode
 
 
 def at_shaft(recordings: Sequence[Recording], model: RobotModel) -> list[Recording]:
-    """Return recordings whose measured torque is that of the shaft, not that of the current."""
-    constants = TorqueConstants.of(model.joints)
-    if constants is None:
+    """Return recordings whose measured torque is that of the shaft, not that of the current.
+
+    They stay as they are where no torque constant falls, or torque is known without a current.
+    """
+    constants = TorqueConstants.of(model)
+    if constants is None or not _by_current(recordings):
         return list(recordings)
     return [
         replace(
@@ -124,3 +124,8 @@ def at_shaft(recordings: Sequence[Recording], model: RobotModel) -> list[Recordi
         )
         for part in recordings
     ]
+
+
+def _by_current(recordings: Sequence[Recording]) -> bool:
+    """Whether all recordings know their torque by a current."""
+    return all(one.replay is not None and one.replay.effort in BY_CURRENT for one in recordings)

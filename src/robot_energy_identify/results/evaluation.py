@@ -212,7 +212,10 @@ class EvaluationReport(Result, name="test"):
     model: Annotated[ModelUsed, "The model."]
     effort: Annotated[str, "What the effort in the joint states was taken for."]
     recordings: Annotated[tuple[RecordingScore, ...], "Scores of each recording."]
-    together: Annotated[tuple[ModelScore, ...], "Over all: sums of energies, RMS over all samples."]
+    together: Annotated[
+        tuple[ModelScore, ...],
+        "Scores over all recordings: sums of energies, RMS over all samples.",
+    ]
 
 
 @dataclass

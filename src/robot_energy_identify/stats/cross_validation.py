@@ -44,14 +44,21 @@ class EnergyScore(Described):
     def beats(self, given: EnergyScore) -> bool:
         """Whether figures of this prediction may replace those of another one.
 
-        They must predict power better. Energy may be worse by what the folds cannot determine:
-        one standard error of the difference, fold by fold, or `UNRESOLVED`.
+        They must predict power better, and energy as well.
+        """
+        return self.rms < GAIN * given.rms and self.as_good_as(given)
+
+    def as_good_as(self, given: EnergyScore) -> bool:
+        """Whether this prediction is not worse than another one.
+
+        Energy may be worse by what the folds cannot determine: one standard error of the
+        difference, fold by fold, or `UNRESOLVED`.
         """
         sure = UNRESOLVED
         if len(self.shares) == len(given.shares) > 1:
             apart = np.abs(self.shares) - np.abs(given.shares)
             sure = max(sure, float(np.std(apart, ddof=1)) / len(apart) ** 0.5)
-        return self.rms < GAIN * given.rms and self.energy_error <= given.energy_error + sure
+        return self.rms <= given.rms and self.energy_error <= given.energy_error + sure
 
 
 def contiguous_blocks(stamp_ns: Int, segment: Int, length: float) -> Int:

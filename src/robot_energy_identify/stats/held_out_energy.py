@@ -49,7 +49,7 @@ class HeldOutPrediction(Described):
     rms: Annotated[float, "Of predicted minus measured power, per reading. [W]"]
     shaft: Annotated[float, "Shaft energy of all axes from the model's torque. [J]"]
     torque_error: Annotated[
-        float, "Norm of the motor torque error over that measured; NaN without. [-]"
+        float, "Norm of the motor torque error over that measured, at the shaft; NaN without. [-]"
     ]
     motor_torque: Annotated[Float, "Of the stretch that is shown, shape (K, n). [N m]"] = field(
         repr=False
@@ -70,14 +70,20 @@ class Tested(Described):
     name: Annotated[str, "Of the recording, or of the block."]
     duration: Annotated[float, "Time that was compared with the meter. [s]"]
     measured: Annotated[float, "Energy that the meter saw in it; NaN without a meter. [J]"]
-    shaft: Annotated[float, "Measured shaft energy of all axes; NaN without measured torque. [J]"]
+    shaft: Annotated[
+        float,
+        "Measured shaft energy of all axes, torque constants as in the last model; NaN without "
+        "measured torque. [J]",
+    ]
     predictions: Annotated[dict[str, HeldOutPrediction], "By ``given`` or subject, after its step."]
     start_ns: Annotated[int, "Of the recording. [ns]"]
     location: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
     time: Annotated[Float, "Of the stretch that is shown, since the start, shape (K,). [s]"] = (
         field(repr=False)
     )
-    motor_torque: Annotated[Float, "Measured in it, shape (K, n). [N m]"] = field(repr=False)
+    motor_torque: Annotated[Float, "Measured in it, likewise, shape (K, n). [N m]"] = field(
+        repr=False
+    )
     taken: Annotated[tuple[Subject, ...], "Subjects of which this test's model has new figures."]
     beyond: Annotated[float, "How far a motor was outside of the fit, at most. [K]"]
     outside: Annotated[OutsideFit | None, "The joint that was it most; None if none was."] = None
@@ -202,8 +208,9 @@ def _test(
     bag = bag.with_meter_undone(fitted.meter_time_constant, fitted.meter_delay)  # the same meter
     models = {GIVEN: fitted.given, **{step.subject: step.model for step in fitted.steps}}
     (span,) = bag.spans
-    first = bag.whole(fitted.given)
-    done: dict[int, HeldOutPrediction] = {}
+    first, final = bag.whole(fitted.given), bag.whole(fitted.model)
+    at_shaft = final.power.motor_torque_measured
+    done: dict[int, HeldOutPrediction] = {id(fitted.model): _prediction(final, span)}
     for model in reversed(models.values()):  # the last one is the nearest to what was seen before
         if id(model) not in done:
             done[id(model)] = _prediction(bag.whole(model), span)
@@ -224,12 +231,12 @@ def _test(
         name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
         duration=sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND,
         measured=seen_by_meter if compared else float("nan"),
-        shaft=_shaft(first, first.torque.motor_torque_measured, span),
+        shaft=_shaft(final, at_shaft, span),
         predictions=predictions,
         start_ns=int(stamp[0]),
         location=None if first.meter is None else first.meter.location,
         time=(stamp[rows] - stamp[0]) * NANOSECOND,
-        motor_torque=first.torque.motor_torque_measured[rows],
+        motor_torque=at_shaft[rows],
         taken=fitted.taken,
         beyond=max(0.0, float(beyond[worst])),
         outside=outside if beyond[worst] > 0.0 else None,
@@ -245,7 +252,7 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
             compared.append(part[inside])
             sums.step(compared[-1])
     rows, predicted = _known_torque(recording, span), recording.power.motor_torque
-    measured = recording.torque.motor_torque_measured[rows]
+    measured = recording.power.motor_torque_measured[rows]
     return HeldOutPrediction(
         tuple(compared),
         float(sum(part.drawn.sum() for part in compared)),

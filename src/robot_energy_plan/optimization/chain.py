@@ -261,9 +261,9 @@ class PowerChain:
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            fan = FanStage(self.model.cabinet).step(winding)
+            fan = FanStage(self.model.cabinet)
             stage = CabinetStage(self.model.cabinet)
-            balance = stage.step(stamp, place, electrical.sum(axis=1), fan)
+            balance = stage.step(stamp, place, electrical.sum(axis=1), fan.step(winding))
             returned = self.model.cabinet.regeneration_efficiency
             share = 0.0 if returned is None else returned.value
             excess = np.maximum(
@@ -278,7 +278,7 @@ class PowerChain:
                 self._hold.loss_std(self.drive, torque, held_std, winding),
                 degc,
                 excess,
-                fan,
+                fan.powers,
             )
             columns = self._deviations.at_grid(columns, np.where(excess > 0, share, 1.0))
             use = np.abs(self.drivetrain.joint_torque_from_motor(torque)) / self.robot.limits.effort

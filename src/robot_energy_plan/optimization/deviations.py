@@ -93,7 +93,7 @@ class EnergyDeviations:
         held: Float,
         motor_temperature_degc: Float,
         fed_back: Float,
-        fan_power: Float | float = 0.0,
+        fan_powers: Float | None = None,
     ) -> Float:
         """Return the rates of all columns while the grid sees all of the bus, shape (N, K). [W]
 
@@ -106,7 +106,7 @@ class EnergyDeviations:
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             motor_temperature_degc: Shape (n,). [degC]
             fed_back: Power to the brake resistor or back to the grid, shape (N,). [W]
-            fan_power: Of the fan, shape (N,). [W]
+            fan_powers: As of `FigureDeviations.grid_side`, shape (2, N). [W]
         """
         figures, speed = self.figures, np.abs(motor_velocity)
         std, shared = (part[0] for part in self._certainty.std(motor_temperature_degc[None, :]))
@@ -145,7 +145,7 @@ class EnergyDeviations:
         if figures.together is not None:
             at_bus.append(known_together(figures.together, speed, motor_torque, square * own))
         cabinet = np.full((len(speed), CABINET), (0.0, figures.at_rest, FORM_FED_BACK))
-        cabinet[:, 0] = figures.grid_side(fan_power)
+        cabinet[:, 0] = figures.grid_side(fan_powers)
         cabinet[:, 2] *= fed_back
         loss_dc = np.full((len(speed), 1), figures.loss_dc)
         return np.concatenate([cabinet, loss_dc, *at_bus], axis=1)
@@ -204,6 +204,7 @@ class DeviationSums:
             np.where(speed == 0.0, self._hold.std(block.motor_torque), 0.0),
             np.where(np.isnan(degc), self._fallback_degc, degc),
         )
+        self._fan.step(degc)
         rows = self._deviations.columns(
             speed,
             block.motor_torque,
@@ -213,7 +214,7 @@ class DeviationSums:
             held,
             _mean_known(degc),
             fed_back,
-            self._fan.step(degc),
+            self._fan.powers,
         )
         rows = np.nan_to_num(rows)
         reaches = np.where(braking, 0.0, np.where(excess, self._deviations.figures.returned, 1.0))

@@ -9,13 +9,14 @@ from typing import Annotated
 from pydantic import Field
 
 from robot_energy.foundation.config_file import load
-from robot_energy.foundation.described import Described
+from robot_energy.foundation.described import Described, documented
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model.figure import ModelEntry, Number
 
 Share = Annotated[Number, Field(ge=0, le=10)]
 
 
+@documented
 class RestState(ModelEntry):
     """A way to rest other than with drives that hold the robot.
 

@@ -119,7 +119,10 @@ class OptimizationReport(Result, name="optimization"):
     measures: Annotated[tuple[MeasureResult, ...], "Each measure alone."]
     moves: Annotated[tuple[MoveChange, ...], "Move by move."]
     rests: Annotated[tuple[RestChange, ...], "Rest by rest."]
-    front: Annotated[tuple[FrontPoint, ...], "Trade-offs without waits, from fast to slow."]
+    front: Annotated[
+        tuple[FrontPoint, ...],
+        "Trade-offs of energy, time and peak power, without waits, from fast to slow.",
+    ]
     temperatures: Annotated[tuple[TemperatureFigures, ...], "At each temperature asked for."]
     break_even: Annotated[tuple[BreakEven, ...], "States at rest."]
     starts: Annotated[tuple[StartTime, ...], "Of this robot and others on its supply, if any."]

@@ -67,12 +67,17 @@ class PredictionReport(EnergyReport):
     program: Annotated[str, "Name of the motion."]
     repeat: Annotated[int, "How often it is made."]
     motor_temperature_degc: Annotated[dict[str, float], "Assumed and held, by joint. [degC]"]
-    payload: Annotated[tuple[Payload, ...], "Given; it replaces the model's on that link alone."]
+    payload: Annotated[
+        tuple[Payload, ...],
+        "Given: it replaces what the model has on the same link and adds to what it has on others.",
+    ]
     time: Annotated[PredictedTime, "Time of the motion."]
     tool: Annotated[ToolPathReport | None, "Path of the tool; None where it is not known."]
     limits: Annotated[tuple[JointLimitUse, ...], "Use of the limits of the URDF, in model order."]
     friction: Annotated[FrictionReach, "Joints whose law does not hold for that temperature."]
-    auxiliary: Annotated[AuxiliaryReport | None, "Loads outside of the cabinet, if any."] = None
+    auxiliary: Annotated[
+        AuxiliaryReport | None, "Loads outside of the cabinet; None where the model has none."
+    ] = None
 
 
 class PredictionsReport(Result, name="prediction"):

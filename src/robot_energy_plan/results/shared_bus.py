@@ -59,7 +59,10 @@ class SharedBusReport(Result, name="shared_bus"):
     peak_power_apart: Annotated[float, "Greatest power of all supplies together. [W]"]
     peak_power: Annotated[float, "Greatest power of the supply of the bus. [W]"]
     capacitor_energy: Annotated[float, "Energy that the capacitors of the bus take at most. [J]"]
-    saved_any_start: Annotated[Number, "Mean saving for starts anywhere, without capacitors. [J]"]
+    saved_any_start: Annotated[
+        Number,
+        "Mean saving for any starts in the cycle, without capacitors; None for recordings. [J]",
+    ]
     saved_best: Annotated[Number, "Saving with the best starts found; None for recordings. [J]"]
     half_best: Annotated[Number, "Half width of the 90 % band of that. [J]"]
     peak_power_best: Annotated[Number, "Greatest power of the supply of the bus then. [W]"]
@@ -181,7 +184,9 @@ class CommonSupply(Result):
 
     peak_power_together: Annotated[float, "Greatest power with all starts at once. [W]"]
     peak_power: Annotated[float, "Greatest power with the starts as chosen. [W]"]
-    mean_power: Annotated[float, "Mean power; with separate supplies for any starts. [W]"]
+    mean_power: Annotated[
+        float, "Mean power; with separate supplies it is the same for any starts. [W]"
+    ]
 
 
 Robots = Sequence[tuple[str, PlannedMotion]]

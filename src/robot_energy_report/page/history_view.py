@@ -18,8 +18,8 @@ from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, JOULE_PER_KWH, SECOND_NS
 from robot_energy.timeline.time_series import TimeSeries
 from robot_energy_history.api import History, history, history_events, history_friction, job_sums
+from robot_energy_history.database import JOB_SUMS, open_reader, reader
 from robot_energy_history.differences import SLOT_NS
-from robot_energy_history.files import JOB_SUMS, open_reader, reader
 from robot_energy_history.queries import Resolution, robots_of, rows_of, zone_of
 from robot_energy_history.savings import BAND, DRIVERS, EnergySavings, savings_by_robot
 from robot_energy_history.tariffs import Tariff, add_tariffs, day_begin, stored_tariffs

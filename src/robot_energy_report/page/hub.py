@@ -74,9 +74,9 @@ class PageHub:
             self._number += 1
             full, overview = self._is_due("state", now), self.many and self._is_due("fleet", now)
             fleet = (self._number, _event("fleet", self._fleet(now))) if overview else None
-            before, self.events = self.events, {}
+            made: dict[str, PageEvents] = {}
             for name in {"", *(self.watched if self.many else ())}:
-                own = self.events[name] = dict(before.get(name, {}))
+                own = made[name] = dict(self.events.get(name, {}))
                 if full or "state" not in own:
                     own["state"] = self._number, _event("state", self._state(now, name))
                 if fleet is not None:
@@ -84,6 +84,7 @@ class PageHub:
                 powers = [robot.power(now) for robot in self.whole(name)]
                 power = _event("power", {"number": self._number, "robots": powers})
                 own["power"] = self._number, power
+            self.events = made  # whole: it is read without the lock
         if self.on_tick is not None:
             self.on_tick()
 

@@ -46,8 +46,9 @@ METRICS = {
         Metric("robot_energy_gap_seconds", "seconds", "Time without valid joint states.",
                counter=True),
         Metric("robot_energy_at_meter_joules", "joules",
-               "Energy at the meter over the compared intervals; NaN without a meter. It may fall "
-               "where the supply feeds back.", ("robot", "source")),
+               "Energy at the meter over the compared intervals; no sample until the lag of the "
+               "meter hardly matters. It may fall where the supply feeds back.",
+               ("robot", "source")),
         Metric("robot_energy_band_joules", "joules",
                "Half width of the 90 % band of the predicted net energy."),
         Metric("robot_power_watts", "watts",
@@ -171,7 +172,8 @@ def _samples(robot: Mapping[str, Any]) -> Iterator[Sample]:
         yield "robot_energy_observed_seconds", (), registers["observed_time"]
         yield "robot_energy_gap_seconds", (), registers["gap_time"]
     yield "robot_energy_persisted", (), float(registers["persisted"])
-    for source, name in AT_METER.items():
-        yield "robot_energy_at_meter_joules", (source,), registers[name]
+    if registers["predicted_energy_at_meter"] is not None:  # of both, so that changes compare
+        for source, name in AT_METER.items():
+            yield "robot_energy_at_meter_joules", (source,), registers[name]
     yield "robot_energy_band_joules", (), registers["predicted_energy_band"]
     yield "robot_outlet_energy_joules", (), registers["outlet_energy"]

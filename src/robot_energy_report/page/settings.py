@@ -7,11 +7,13 @@ from typing import Annotated
 from pydantic import Field
 
 from robot_energy.foundation.config_file import load
+from robot_energy.foundation.described import documented
 from robot_energy.foundation.errors import PageError
 from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy_history.tariffs import Prices
 
 
+@documented
 class PageSettings(Prices):
     """Settings of the page; all have defaults."""
 

@@ -252,12 +252,12 @@ class PageApp:
     async def _control(self, request: Request) -> Response:
         control, found = self._hub.control, await _json_of(request, MAX_BODY)
         given = cast("dict[str, Any]", found) if isinstance(found, dict) else {}
-        robot, action, text = (str(given.get(key, "")) for key in ("robot", "action", "text"))
+        robot, action, text = (given.get(key) for key in ("robot", "action", "text"))
         if (
             control is None
+            or not (isinstance(robot, str) and isinstance(action, str) and isinstance(text, str))
             or robot not in self._hub.robots
             or action not in ACTIONS
-            or not isinstance(given.get("text"), str)
             or len(text) > MAX_REASON
         ):
             return PlainTextResponse(

@@ -1,6 +1,8 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robot_energy.accounting.comparison import Comparison
@@ -172,12 +174,41 @@ def test_energy_fed_back_that_the_model_cannot_predict_is_named(fed_back, predic
 def test_the_residual_does_not_depend_on_the_cutting(size, seed, cuts):
     rng = np.random.default_rng(seed)
     available = np.sort(rng.integers(0, 200 * SECOND, size))
-    columns = (available, rng.integers(1, SECOND, size), *rng.normal(50.0, 30.0, (2, size)))
+    duration, (measured, drawn) = rng.integers(1, SECOND, size), rng.normal(50.0, 30.0, (2, size))
+    compared = Compared(available, duration, measured, drawn, drawn)
 
     def run(bounds):
-        minute = NewestMinute()
-        for start, stop in zip([0, *bounds], [*bounds, size], strict=True):
-            minute.take(Compared(*(column[start:stop] for column in (*columns, columns[-1]))))
+        minute = cut(NewestMinute(), compared, bounds)
         return minute.time, minute.residual_share
 
-    assert run([]) == run(sorted(min(cut, size) for cut in cuts))
+    assert run([]) == run(sorted(min(at, size) for at in cuts))
+
+
+def cut(minute, compared, bounds):
+    """The same minute, after intervals in pieces that are counted one by one."""
+    for start, stop in pairwise([0, *bounds, len(compared)]):
+        minute.take(compared[start:stop])
+        assert minute.time >= 0.0
+    return minute
+
+
+@given(seed=st.integers(0, 999), cuts=st.lists(st.integers(0, 600), max_size=6))
+@example(seed=0, cuts=list(range(600)))
+def test_readings_that_stay_the_same_do_not_depend_on_the_cutting(seed, cuts):
+    """Runs of equal readings, as long as a sentence needs and nearly; the last one goes on."""
+    rng = np.random.default_rng(seed)
+    lengths = rng.choice([3, 79, 80, 160], 8)
+    power = np.repeat(rng.normal(50.0, 30.0, 8), lengths)[:600]
+    size = len(power)
+    seconds = rng.choice([0.1, 0.1 / 3], size)
+    energies = rng.choice([20.0, 30.02], size) * seconds  # at VARIES of its mean, nearly
+    compared = Compared(
+        SECOND * np.arange(size), np.rint(seconds * SECOND).astype(np.int64), power * seconds,
+        energies, energies,
+    )  # fmt: skip
+
+    def run(bounds):
+        still = cut(NewestMinute(), compared, bounds).still
+        return still.longest, still.open
+
+    assert run([]) == run(sorted(min(at, size) for at in cuts))

@@ -227,21 +227,30 @@ def test_a_later_run_begins_with_the_windows_of_an_earlier_one():
     assert estimate.lags[-1] <= MAX_LAG
 
 
-def compared_for(seconds, cut=None, response=None, swing=1500.0):
-    """A comparison of a power that steps every 1.7 s with a meter that is 0.28 s late."""
-    fine = np.arange(0.0, seconds + 1e-9, 0.02)
-    power = 1500.0 + swing * np.sign(np.sin(2.0 * np.pi * (fine + 0.05) / 3.4))
-    shown = lfilter([1.0 - np.exp(-0.02 / 0.28)], [1.0, -np.exp(-0.02 / 0.28)], power - power[0])
-    stamp = np.rint(fine * SECOND).astype(np.int64)
+def against_late_meter(stamp, power, cut=1, response=None):
+    """A comparison of a power with a meter that is 0.28 s late and reads at every stamp."""
+    kept = np.exp(-(stamp[1] - stamp[0]) / SECOND / 0.28)
+    shown = power[0] + lfilter([1.0 - kept], [1.0, -kept], power - power[0])
     comparison = Comparison(response=response)
     nothing = np.full(len(stamp), np.nan)
-    for rows in np.array_split(np.arange(len(stamp)), cut or 1):
+    for rows in np.array_split(np.arange(len(stamp)), cut):
         comparison.measure(
-            MeterBlock(stamp[rows], shown[rows] + power[0], nothing[rows], nothing[rows],
+            MeterBlock(stamp[rows], shown[rows], nothing[rows], nothing[rows],
                        MeterMeaning.INSTANTANEOUS, MeterLocation.GRID)
         )  # fmt: skip
         comparison.predict(stamp[rows], np.zeros(len(rows), dtype=np.int64), power[rows])
     return comparison
+
+
+def stepping(seconds):
+    """Stamps at 50 Hz, and a power that steps every 1.7 s."""
+    fine = np.arange(0.0, seconds + 1e-9, 0.02)
+    power = 1500.0 + 1500.0 * np.sign(np.sin(2.0 * np.pi * (fine + 0.05) / 3.4))
+    return np.rint(fine * SECOND).astype(np.int64), power
+
+
+def compared_for(seconds, cut=1, response=None):
+    return against_late_meter(*stepping(seconds), cut, response)
 
 
 def test_energies_are_set_against_each_other_once_the_lag_hardly_matters():
@@ -265,12 +274,40 @@ def test_a_lag_that_is_not_known_may_be_as_long_as_any():
     assert not np.isnan(compared_for(70.0).comparable_energy)  # found from a minute of readings
 
 
-def test_a_robot_at_rest_is_compared_at_once():
-    assert compared_for(1.0, swing=0.0).comparable_energy == pytest.approx(1500.0, rel=1e-6)
+@pytest.mark.parametrize(
+    ("power", "rate"), [(1500.0, 50), (20.0, 500), (60.2, 1000), (60.215, 1000), (3333.3, 1000)]
+)
+def test_a_robot_at_rest_is_compared_at_once(power, rate):
+    stamp = np.arange(rate // 2 + 1) * (SECOND // rate)
+    found = against_late_meter(stamp, np.full(len(stamp), power))
+    assert found.comparable_energy == pytest.approx(0.5 * power, rel=1e-6)
+
+
+@pytest.mark.parametrize("rate", [100, 500, 1000])
+def test_a_small_step_of_the_power_is_waited_for(rate):
+    """The meter has shown 4 % less than was drawn 0.3 s after a step from 55 to 65 W."""
+    stamp = np.arange(8 * rate // 10 + 1) * (SECOND // rate)
+    power = np.where(stamp > SECOND // 2, 65.0, 55.0)
+    found = against_late_meter(stamp, power)
+    assert found.predicted_energy > 1.03 * found.measured_energy
+    assert np.isnan(found.comparable_energy)
+    std = np.std(0.5 * (power[1:] + power[:-1]))
+    assert found.late_energy == pytest.approx(MAX_LAG * 1.645 * np.sqrt(2.0) * std, rel=1e-3)
+
+
+def test_a_counter_is_compared_at_once():
+    stamp, power = stepping(2.0)
+    counted = np.concatenate([[0.0], np.cumsum(0.01 * (power[1:] + power[:-1]))])
+    nothing, comparison = np.full(len(stamp), np.nan), Comparison()
+    comparison.measure(
+        MeterBlock(stamp, nothing, counted, nothing, MeterMeaning.CUMULATIVE, MeterLocation.GRID)
+    )
+    comparison.predict(stamp, np.zeros(len(stamp), dtype=np.int64), power)
+    assert comparison.comparable_energy == pytest.approx(counted[-1], rel=1e-6)
 
 
 def test_the_cutting_of_the_input_does_not_decide_what_is_set_against_each_other():
-    sums = [compared_for(20.0, cut).swing.tolist() for cut in (1, 3, 50)]
+    sums = [compared_for(20.0, cut).swing for cut in (1, 3, 50)]
     assert sums[0] == sums[1] == sums[2]
 
 

@@ -10,6 +10,9 @@ import pytest
 
 import robot_energy as re
 from robot_energy import _EXPORTS
+from robot_energy.foundation.described import texts_of
+from robot_energy_logs.mapping import LogRobot, ReferenceFriction
+from robot_energy_report.page.settings import PageSettings
 
 HEAVY = ("matplotlib", "scipy", "pinocchio", "numpy", "rich", "pydantic", "rosbags")
 
@@ -32,6 +35,16 @@ def test_a_monitor_needs_neither_reports_nor_scipy():
 @pytest.mark.parametrize("name", re.__all__)
 def test_every_public_name_exists_and_is_documented(name):
     assert getattr(re, name).__doc__
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [*(one for name in re.__all__ if isinstance(one := getattr(re, name), type)),
+     PageSettings, LogRobot, ReferenceFriction],
+)  # fmt: skip
+def test_help_has_the_text_and_unit_of_every_field(kind):
+    lacking = [key for key, text in texts_of(kind).items() if f"{key}: {text}" not in kind.__doc__]
+    assert not lacking
 
 
 def test_type_checkers_see_the_same_names_from_the_same_modules():

@@ -140,6 +140,24 @@ def test_the_deviation_of_an_energy_is_what_one_deviation_of_its_figure_changes(
     assert sum(value > 0 for value in others.values()) == 1
 
 
+def test_a_fan_that_recordings_began_without_may_run_at_another_start(monkeypatch):
+    """At 20 degC, between stop and start, half of the fans of 30 W run.
+
+    About the expected 15 W the mean square is 15 * 15 W^2; about 0 W it is 30^2 / 2. Of 5/12 about
+    0 W it is 375 W^2, about 30 W 7/12 of 900.
+    """
+    monkeypatch.setattr(figure_deviations, "FORM_AT_REST", 0.0)
+    found, deviation = certain(data()), []
+    fan = {"power": {**robots.figure(30.0), "std": 0.0}, "on_above_degc": robots.figure(23.0)}
+    for begins in ({}, {"begins_off_to_degc": robots.figure(21.0)}):
+        found["cabinet"]["fan"] = {**fan, "hysteresis": robots.figure(6.0), **begins}
+        deviation.append(stds(run(made(found)))["constant loss, grid side"])
+    assert deviation[1] / deviation[0] == pytest.approx(2.0**0.5, rel=1e-6)
+    powers = np.array([[0.0, 15.0, 30.0], [12.5, 15.0, 12.5]])
+    by_hand = figure_deviations.FigureDeviations(made(found)).grid_side(powers)
+    np.testing.assert_allclose(by_hand, np.sqrt([375.0, 225.0, 525.0]), rtol=1e-12)
+
+
 TOGETHER = {
     "loss_dc": ("cabinet.loss_dc", 0.05),
     "copper of shoulder": ("joints.0.losses.copper", 5e-3),

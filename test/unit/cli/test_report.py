@@ -164,6 +164,12 @@ def test_a_damaged_bag_is_reported_with_its_problem(tmp_path, capsys):
     assert "problem: " in (tmp_path / "page.html").read_text()
 
 
+def test_a_doubtful_figure_is_a_problem_on_the_page_but_no_damage(tmp_path, monkeypatch):
+    monkeypatch.setattr("robot_energy.results.replay.unbalanced", lambda account: ["in doubt"])
+    page = page_of(tmp_path, BAG, "--model", "kr16", "--effort", "motor_torque")
+    assert "problem: in doubt" in page
+
+
 def test_a_pdf_needs_a_browser_and_says_so_before_the_work(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("PATH", str(tmp_path))
     path = tmp_path / "page.pdf"

@@ -177,6 +177,19 @@ def test_links_folders_and_names_that_no_file_has(tmp_path):
     assert inventory(tmp_path) == before
 
 
+def test_a_link_is_refused_with_what_to_give_in_its_place(tmp_path):
+    """As /dev/stdout is one, where the standard output is a file."""
+    (tmp_path / "there").mkdir()
+    with (tmp_path / "file").open("wb") as stream:
+        (tmp_path / "stdout").symlink_to(f"/dev/fd/{stream.fileno()}")
+        for write in (check_file, lambda path, kinds: write_file(path, NEW, kinds)):
+            with refused(ReportError, found="a link", remedy=("file that it leads to", "give -")):
+                write(tmp_path / "stdout", JSON)
+            with refused(ReportError, found="a folder", remedy="a file in it"):
+                write(tmp_path / "there", JSON)
+    check_file(tmp_path / "file", JSON)
+
+
 def test_inputs_are_known_by_their_files_and_not_by_their_names(tmp_path):
     bag = tmp_path / "day" / "bag"
     bag.mkdir(parents=True)

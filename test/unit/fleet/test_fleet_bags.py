@@ -9,7 +9,7 @@ import pytest
 import robot_energy as re
 from fleets import short_bags
 from logbook import wheel_bag, wheel_model, wheel_start
-from mistakes import rewrite, scaled
+from mistakes import rewrite, scaled, shifted
 from places import ROOT
 from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
@@ -125,6 +125,15 @@ def test_joint_states_that_are_doubtful_are_listed(tmp_path, capsys):
     assert sentence in " ".join(capsys.readouterr().out.split())
     (note, *_) = re.advise(bag, "kr16", look_at_speeds=False).report.notes
     assert note.startswith(f"{bag}: {sentence}")
+
+
+def test_remarks_about_joint_states_make_no_bag_doubtful(tmp_path, capsys):
+    """Another zero of the vertical axis changes no power."""
+    bag = rewrite(WARM, tmp_path / "hall" / "r1" / "turned", shifted(0, 4.0), None, 3.0)
+    assert any("is this the model of the robot" in one for one in re.replay(bag, "kr16").notes)
+    words = ["--model", "kr16", "--workers", "0", "--out", str(tmp_path / "d")]
+    assert main(["fleet", "run", str(tmp_path / "hall"), *words]) == 0
+    assert "0 damaged or doubtful" in capsys.readouterr().out
 
 
 def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):

@@ -43,8 +43,9 @@ EXACT = SensorLimits(torque=0.0, thermometer=0.0, bodies=0.0)
 
 
 def run(
-    config, seconds=60.0, degc=40.0, mass=None, cut=None, program=None, start_ns=10**18, rate=100.0
-):
+    config, seconds=60.0, degc=40.0, mass=None, cut=None, program=None, start_ns=10**18, rate=100.0,
+    sensed=True,
+):  # fmt: skip
     """The accumulators after a while of the rig, cut into steps of so many samples."""
     rig = VirtualRig(
         PROFILE, program or work(PROFILE, 3, 8), config, 1, degc, degc, start_ns, rate_hz=rate
@@ -61,7 +62,7 @@ def run(
         begin = first == 0
         part = joints[slice(first, first + (cut or size))]
         found = pipeline.step(
-            part, output.temperatures if begin else None, output.meter if begin else None
+            part, output.temperatures if begin and sensed else None, output.meter if begin else None
         )
         sums.take(found)
         hours.take(found)
@@ -74,7 +75,8 @@ def run(
 def bags(parts, joint):
     gram = np.array([sums.grams[joint] for sums in parts])
     rows = np.array([sums.rows[joint] for sums in parts])
-    degc = np.array([sums.heat[joint] / sums.rows[joint] for sums in parts])
+    with np.errstate(invalid="ignore"):
+        degc = np.array([sums.heat[joint] / sums.warm_rows[joint] for sums in parts])
     number = np.arange(len(parts))
     return JointBags("axis", without_nuisances(gram), rows, degc, number, number)
 
@@ -99,6 +101,21 @@ def test_the_law_over_temperature_is_found_on_temperatures_it_has_not_seen():
         assert point.viscous == pytest.approx(true, rel=0.05)
     assert fit.errors["exponential"].rms < 0.5 * fit.errors["constant"].rms
     assert score(joint, fit.law, fit.coulomb).rms < score(joint, None, 0.0).rms
+
+
+def test_a_law_of_bags_without_temperature_has_no_range():
+    """The sums are at the fallback, which no sensor has measured."""
+    for sensed in (True, False):
+        parts = [run(RigConfig.plain(), start_ns=start, sensed=sensed) for start in (1, 10**12)]
+        fit = fit_merged(bags([one[0] for one in parts], 1), EXACT, False, "")
+        sums, _, pipeline = parts[0]
+        degc = sums.table(pipeline.condition.wear)[1]["motor_temperature_degc"]
+        if sensed:
+            assert fit.law.fitted_degc[0] < degc < fit.law.fitted_degc[1]
+            assert "below 6 K" in fit.warnings[0]
+        else:
+            assert fit.law.fitted_degc is degc is None
+            assert "no motor temperature is known" in fit.warnings[0]
 
 
 class Line(LawEntry):

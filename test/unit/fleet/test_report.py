@@ -260,6 +260,29 @@ def test_one_model_from_all_bags_is_better_on_bags_it_has_not_seen(tables):
         identify_fleet(tables, load("ur5e"), "fleet")
 
 
+def test_bags_without_temperature_take_that_of_the_model_where_others_have_one(tables, report):
+    model, first = load("kr16"), tables.runs["key"][0]
+
+    def instead(degc, where):
+        joints = tables.joints.with_columns(
+            motor_temperature_degc=pl.when(where)
+            .then(pl.lit(degc, pl.Float64))
+            .otherwise("motor_temperature_degc")
+        )
+        return FleetTables(tables.runs, tables.jobs, tables.hours, joints)
+
+    one = pl.col("key") == first
+    axes, filled = (
+        identify_fleet(instead(degc, one), model, "fleet")[0].axes
+        for degc in (None, model.temperature.fallback_degc)
+    )
+    assert [fit.laws for fit in axes] == [fit.laws for fit in filled]
+    none = instead(None, pl.lit(True))
+    assert fleet_report(none, "fleet").friction[0].degc == ()
+    for fit in identify_fleet(none, model, "fleet")[0].axes:
+        assert fit.law.fitted_degc is None
+
+
 def test_the_command_writes_page_json_and_model(place, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     data = str(place)

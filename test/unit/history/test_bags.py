@@ -8,7 +8,7 @@ from robot_energy.foundation.errors import HistoryError
 from robot_energy_history.api import history, history_events, history_jobs
 from robot_energy_history.bags import BagReadings
 from robot_energy_history.check import check
-from robot_energy_history.files import JOB_COLUMNS
+from robot_energy_history.database import JOB_COLUMNS
 from robot_energy_history.store import HistoryStore
 
 IMPORT = "predicted_import_microjoule"

@@ -19,7 +19,7 @@ from places import GRAFANA
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy_cli import main
-from robot_energy_history.files import open_reader
+from robot_energy_history.database import open_reader
 from robot_energy_history.outputs import (
     COUNTERS,
     Wanted,

@@ -12,7 +12,7 @@ from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from robot_energy_history import queries
 from robot_energy_history.api import history, history_jobs
 from robot_energy_history.check import check, repair
-from robot_energy_history.files import JOB_COLUMNS, open_reader
+from robot_energy_history.database import JOB_COLUMNS, open_reader
 from robot_energy_history.queries import pieces
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy_history.rollup import Rolled

@@ -9,7 +9,7 @@ import pytest
 from histories import DAY, HOUR, MINUTE, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy_history.files import JOB_COLUMNS
+from robot_energy_history.database import JOB_COLUMNS
 from robot_energy_history.savings import compare, fit_baseline, history_savings, savings_by_robot
 from robot_energy_history.store import HistoryStore
 

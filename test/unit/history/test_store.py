@@ -22,11 +22,11 @@ from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import HistoryError
 from robot_energy.messages.fields import ENERGY_REGISTERS
 from robot_energy.messages.registers import RegistersWriter
-from robot_energy_history import files, readings
+from robot_energy_history import database, readings
 from robot_energy_history.api import history, history_events, history_friction, history_jobs
 from robot_energy_history.check import check, repair
+from robot_energy_history.database import open_reader
 from robot_energy_history.differences import CLOCK, EARLIER
-from robot_energy_history.files import open_reader
 from robot_energy_history.readings import COLUMNS, LearnedFriction, ReadingDecoder
 from robot_energy_history.store import MAX_ROBOTS, HistoryStore
 
@@ -331,7 +331,7 @@ def test_a_damaged_file_keeps_what_can_be_read(store):
     robot = Robot()
     for _ in range(40):
         write(store, robot, [robot.minute() for _ in range(60)])
-    folder, path = store.folder, store.folder / files.FILE
+    folder, path = store.folder, store.folder / database.FILE
     store.close()
     content = bytearray(path.read_bytes())
     middle = len(content) // 2 // 4096 * 4096
@@ -355,7 +355,7 @@ def test_damaged_pages_cost_their_rows_alone_and_no_hour(tmp_path):
         if quarter % 8 == 7:  # so that robots lie next to each other in the file
             assert store.write(robot.now), store.trouble
     store.close()
-    path = tmp_path / files.FILE
+    path = tmp_path / database.FILE
     count = "SELECT count(*) FROM slot15"
     with closing(sqlite3.connect(path)) as connection:
         (before,) = connection.execute(count).fetchone()
@@ -397,7 +397,11 @@ def test_nonsense_of_one_robot_is_refused_and_stops_no_other(store, changed):
 
 def test_jobs_that_no_table_holds_are_refused_and_stop_no_other(store):
     robot = Robot()
-    job = dict.fromkeys(files.JOB_COLUMNS, 1) | {"name": "weld", "start": START, "stop": START + 1}
+    job = dict.fromkeys(database.JOB_COLUMNS, 1) | {
+        "name": "weld",
+        "start": START,
+        "stop": START + 1,
+    }
     for number, wrong in enumerate(
         ({}, {"observed_ns": 2**80}, {"name": "\ud800"}, {"id": -(2**64)})
     ):
@@ -443,7 +447,7 @@ def test_whatever_is_damaged_is_an_error_in_one_sentence(store, tmp_path):
     for _ in range(20):
         write(store, robot, [robot.minute() for _ in range(60)])
     store.close()
-    content = (store.folder / files.FILE).read_bytes()
+    content = (store.folder / database.FILE).read_bytes()
     at = content.index(b"CREATE TABLE slot1 ")
     draw, refused_once = random.Random(5), 0
     for number in range(12):
@@ -454,7 +458,7 @@ def test_whatever_is_damaged_is_an_error_in_one_sentence(store, tmp_path):
             damaged[at + 30] = 0xA1
         folder = tmp_path / f"damaged{number}"
         folder.mkdir()
-        (folder / files.FILE).write_bytes(damaged)
+        (folder / database.FILE).write_bytes(damaged)
         for ask in (history, history_jobs, history_friction, history_events):
             try:
                 ask(folder, START, START + DAY, timezone="Asia/Kathmandu")
@@ -469,7 +473,7 @@ def test_whatever_is_damaged_is_an_error_in_one_sentence(store, tmp_path):
 def test_a_table_whose_columns_are_damaged_is_written_again(store):
     robot = Robot()
     write(store, robot, [robot.minute() for _ in range(60)])
-    folder, path = store.folder, store.folder / files.FILE
+    folder, path = store.folder, store.folder / database.FILE
     store.close()
     content = path.read_bytes()
     at = content.index(b"rigid_microjoule", content.index(b"CREATE TABLE joint15"))
@@ -483,7 +487,7 @@ def test_a_table_whose_columns_are_damaged_is_written_again(store):
 def test_a_history_of_another_version_is_refused_and_left_as_it_is(store, version):
     robot = Robot()
     write(store, robot, [robot.minute()])
-    path = store.folder / files.FILE
+    path = store.folder / database.FILE
     store._connection.execute(f"PRAGMA user_version = {version}")
     store.close()
     content = path.read_bytes()

@@ -2,8 +2,10 @@
 
 from datetime import UTC, datetime
 from fractions import Fraction
+from itertools import permutations
 from zoneinfo import ZoneInfo
 
+import numpy as np
 import pytest
 
 from histories import DAY, HOUR, MINUTE, SECOND, Robot
@@ -11,7 +13,14 @@ from refusals import refused
 from robot_energy.foundation.errors import HistoryError
 from robot_energy_history.api import history
 from robot_energy_history.store import HistoryStore
-from robot_energy_history.tariffs import Tariff, add_tariffs, load_tariffs, stored_tariffs
+from robot_energy_history.tariffs import (
+    MICROJOULE_PER_KWH,
+    Tariff,
+    add_tariffs,
+    load_tariffs,
+    stored_tariffs,
+)
+from robot_energy_history.use import QuarterUse, _priced
 
 BERLIN = ZoneInfo("Europe/Berlin")
 IMPORT = "predicted_import_microjoule"
@@ -125,6 +134,17 @@ def test_shifts_and_standby_are_what_a_sum_by_hand_says(tmp_path, first, hours):
         assert by_shift["standby_microjoule"].sum() == month["standby_microjoule"].sum()
     with refused(HistoryError, expected="by_joint or by_shift"):
         history(*asked, by_shift=True, by_joint=True)
+
+
+def test_energy_of_one_price_is_multiplied_by_it_once():
+    """Rounded once, so that night, weekend and the rest cost as much in any order."""
+    energy, price = [4_134_767_232_379, 7_104_857_072_657, 1_407_866_726_139], 0.31
+    uses = [QuarterUse(price, 0.4, "", rest) for rest in ("night", "weekend", "")]
+    sums = {use: np.array([[own, own]]) for use, own in zip(uses, energy, strict=True)}
+    for order in permutations(sums):
+        found = _priced({use: sums[use] for use in order}, 1)
+        assert found["cost"][0] == sum(energy) / MICROJOULE_PER_KWH * price
+        assert found["co2_kg"][0] == sum(energy) / MICROJOULE_PER_KWH * 0.4
 
 
 def test_a_shift_that_nobody_named_is_refused(tmp_path):

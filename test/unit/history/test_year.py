@@ -9,7 +9,7 @@ import pytest
 from histories import DAY, HOUR, SECOND, Course, run_course
 from robot_energy_history.api import history
 from robot_energy_history.check import check
-from robot_energy_history.files import open_reader
+from robot_energy_history.database import open_reader
 
 IMPORT = "predicted_import_microjoule"
 

@@ -40,7 +40,7 @@ def found():
     [
         "robot_energy.model.friction_laws",
         "robot_energy.physics.drives_and_cabinet",
-        "robot_energy_cli.listings",
+        "robot_energy_cli.kinds",
     ],
 )
 def test_a_module_alone_finds_the_parts_of_all_kinds(module):

@@ -14,7 +14,7 @@ from robot_energy.model.friction_laws import (
     register_friction_law,
 )
 from robot_energy.physics.friction import ViscousLaw, viscous_law
-from robot_energy_cli.listings import kinds_listing
+from robot_energy_cli.kinds import kinds_listing
 from robot_energy_identify.friction.laws import fitted_laws
 from robots import figure
 from toy_kinds import TOY, refused, wheel

@@ -21,7 +21,7 @@ from robot_energy.model.joint import Joint
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
-from robot_energy_cli.listings import kinds_listing
+from robot_energy_cli.kinds import kinds_listing
 from robot_energy_cli.main import main
 from robot_energy_report.identify_all import changes
 from robots import figure

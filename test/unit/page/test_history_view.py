@@ -13,7 +13,7 @@ import pytest
 from histories import DAY, HOUR, MINUTE, SECOND, START, Robot
 from refusals import refused
 from robot_energy.foundation.errors import HistoryError
-from robot_energy_history.files import JOB_COLUMNS
+from robot_energy_history.database import JOB_COLUMNS
 from robot_energy_history.store import HistoryStore
 from robot_energy_history.tariffs import Tariff, add_tariffs
 from robot_energy_report.page.history_figures import KINDS, MAX_SERIES, period_at, span_of

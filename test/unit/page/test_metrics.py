@@ -82,6 +82,20 @@ def test_unknown_is_nan_in_gauges_and_absent_in_counters(hub):
     assert not any(math.isnan(value) for value in energy.values())
 
 
+@pytest.mark.parametrize(("measured", "predicted"), [(500.0, math.nan), (math.nan, math.nan)])
+def test_energies_at_the_meter_have_no_sample_until_both_are_known(hub, measured, predicted):
+    """The alert compares their changes over an hour, which one NaN would make NaN."""
+    energies = {"measured_energy": measured, "predicted_energy_at_meter": predicted}
+    hub.robot("r").take_registers(registers(5.0, stamp=19.0, **energies))
+    assert not families(hub)["robot_energy_at_meter_joules"].samples
+    known = {"measured_energy": 900.0, "predicted_energy_at_meter": 910.0}
+    hub.robot("r").take_registers(registers(9.0, stamp=20.0, **known))
+    found = samples(families(hub)["robot_energy_at_meter_joules"])
+    assert {labels[1][1]: value for labels, value in found.items()} == {
+        "measured": 900.0, "predicted": 910.0,
+    }  # fmt: skip
+
+
 def test_no_message_makes_a_page_that_no_scrape_takes(hub):
     """Joints named twice would repeat series; a counter below 0 is none."""
     hub.robot("r").take_power(power_states([2.0], [1.0], names=("a", "a", "b")), 0.0)

@@ -19,6 +19,7 @@ from robot_energy.foundation.errors import CredentialsError, PageError, RobotEne
 from robot_energy_report.page import web_server
 from robot_energy_report.page.access import page_access
 from robot_energy_report.page.hub import PageHub
+from robot_energy_report.page.robot_state import RobotState
 from robot_energy_report.page.saved_page import FILES
 from robot_energy_report.page.settings import PageSettings
 from robot_energy_report.page.web_app import MAX_STREAMS
@@ -139,6 +140,7 @@ def test_actions_need_the_token_on_loopback_too(serve, token_file):
         return answer
 
     hub = PageHub("test", PageSettings(), control=control)
+    hub.robot("1")
     url = serve(hub, token_file=token_file, allow_control=True)
     wish = json.dumps({"robot": "robot1", "action": "open_interval", "text": "part 1"})
     assert request(url, "/api/control", "POST", wish)[0] == 401
@@ -148,6 +150,7 @@ def test_actions_need_the_token_on_loopback_too(serve, token_file):
     assert (status, json.loads(body)) == (200, {"done": True, "message": "done"})
     assert seen == [("robot1", "open_interval", "part 1")]
     for bad in (b"", b"{", b"[]", b"null", wish.replace("robot1", "other"), b'{"robot":1}',
+                wish.replace('"robot1"', "1"), wish.replace('"part 1"', "1"),
                 wish.replace("open_interval", "shutdown"), wish.replace("part 1", "x" * 201),
                 b"\xff" * 100, b"[" * 2000, b" " * 5000):  # fmt: skip
         assert request(url, "/api/control", "POST", bad, **bearer())[0] == 400, bad
@@ -269,6 +272,23 @@ def test_of_many_robots_a_page_gets_one_whole_and_an_overview_of_all(serve):
     wait_until(lambda: "robot42" not in hub.watched, "its end")
     hub.tick(time.monotonic() + 20.0)
     assert set(hub.events) == {""}
+
+
+def test_a_page_gets_whole_ticks(monkeypatch):
+    """Inside of a tick one that reads without the lock gets the events of the tick before."""
+    hub = PageHub("test", PageSettings())
+    hub.robot("r")
+    hub.tick(0.0)
+    before, whole = hub.events_of(""), dict(hub.events_of(""))
+    seen = []
+    power = RobotState.power
+    monkeypatch.setattr(
+        RobotState, "power", lambda *given: (seen.append(hub.events_of("")), power(*given))[1]
+    )
+    hub.tick(100.0)
+    assert seen[0] is before
+    assert before == whole
+    assert {number for number, _ in hub.events_of("").values()} == {2}
 
 
 def test_slow_pages_do_not_hold_up_others_and_are_dropped(serve, monkeypatch):

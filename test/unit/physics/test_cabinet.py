@@ -154,7 +154,10 @@ def test_up_to_the_begin_of_a_recording_without_it_a_fan_does_not_run_at_first()
         assert FanStage(known).step(np.array([[degc]])) == pytest.approx(of_known)
         assert FanStage(cabinet).step(np.array([[degc]])) == pytest.approx(of_unknown)
     stage = FanStage(known)
+    np.testing.assert_allclose(stage.step(np.array([[42.0]])), [0.0])
+    np.testing.assert_allclose(stage.powers, [[0.0], [12.5]])  # the second without that begin
     np.testing.assert_allclose(stage.step(np.array([[42.0], [50.0], [42.0]])), [0.0, 30.0, 25.0])
+    np.testing.assert_allclose(stage.powers, [[0.0, 30.0, 25.0], [12.5, 30.0, 25.0]])
     without = cabinet.fan.model_dump_json()
     assert "begins_off" not in without
     assert "begins_off" in fan.model_dump_json()

@@ -36,11 +36,12 @@ def model(fall: float | None = FALL, kind: str = "loss_model"):
 
 
 def test_what_is_left_of_a_torque_constant():
-    constants = TorqueConstants.of(model().joints)
+    """The temperature that is not known is taken for 40 degC, as that of the windings."""
+    constants = TorqueConstants.of(model())
     assert constants is not None
     left = constants.left(np.array([[20.0], [HOT], [np.nan]]))
-    np.testing.assert_allclose(left, [[1.0], [0.5], [1.0]], rtol=1e-15)
-    assert TorqueConstants.of(model(None).joints) is None
+    np.testing.assert_allclose(left, [[1.0], [0.5], [0.9]], rtol=1e-15)
+    assert TorqueConstants.of(model(None)) is None
 
 
 def test_windings_are_heated_by_the_torque_that_the_current_would_make_if_magnets_were_cold():

@@ -14,7 +14,7 @@ from robot_energy.bag.cdr.decode import Decoder, RawBatch, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
 from robot_energy_fleet.bag_row import BagMinutes
 from robot_energy_history.check import check
-from robot_energy_history.files import open_reader
+from robot_energy_history.database import open_reader
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
 from robot_energy_history.store import HistoryStore
 

@@ -197,6 +197,15 @@ def test_the_shipped_schema_is_what_the_code_makes(capsys):
     )
 
 
+def test_the_schema_is_json_of_the_standard():
+    """Parsers other than Python's refuse NaN and Infinity."""
+
+    def refuse(word):
+        raise AssertionError(word)
+
+    json.loads(SHIPPED.read_text(), parse_constant=refuse)
+
+
 def test_one_result_alone_and_an_unknown_one(capsys):
     assert main(["schema", "replay"]) == 0
     schema = json.loads(capsys.readouterr().out)

@@ -29,10 +29,10 @@ MAX_MARK_BYTES = 8192  # at each end of a file that are searched for its mark
 MAX_INPUT_FILES = 10_000  # of an input folder that are compared with outputs
 
 _REFUSED = {
-    stat.S_IFLNK: "a link",
-    stat.S_IFDIR: "a folder",
-    stat.S_IFBLK: "a disk",
-    stat.S_IFSOCK: "a socket",
+    stat.S_IFLNK: ("a link", "name the file that it leads to, or give - to print text"),
+    stat.S_IFDIR: ("a folder", "name a file in it"),
+    stat.S_IFBLK: ("a disk", ""),
+    stat.S_IFSOCK: ("a socket", ""),
 }
 
 Names = Iterable[str | os.PathLike[str]]
@@ -88,7 +88,8 @@ def check_file(
         if os.path.lexists(target):
             kind = stat.S_IFMT(os.lstat(target).st_mode)
             if kind in _REFUSED:
-                raise error(f"{place}, which is {_REFUSED[kind]}", "a file, a pipe or a terminal")
+                name, remedy = _REFUSED[kind]
+                raise error(f"{place}, which is {name}", "a file, a pipe or a terminal", remedy)
             own = not target.stat().st_size or is_own_file(target, kinds)
         elif not target.parent.is_dir():
             where = f"{place}: there is no folder '{shown(str(target.parent))}'"

@@ -56,6 +56,9 @@ class JointStateProblem(Described):
         False
     )
     setting: Annotated[str, "Line of the parameter file that mends it, where one does."] = ""
+    wrong_power: Annotated[
+        bool, "Whether velocities, or a unit, are wrong, so that the power of every sample is."
+    ] = False
 
 
 class _Seen:
@@ -70,10 +73,10 @@ class _Seen:
             self.first_ns = int(stamp_ns[0])
         self.last_ns = int(stamp_ns[-1])
 
-    def finding(self, sentence: str) -> list[JointStateProblem]:
+    def finding(self, sentence: str, wrong_power: bool = False) -> list[JointStateProblem]:
         if self.first_ns is None:
             return []
-        return [JointStateProblem(sentence, self.first_ns, self.last_ns)]
+        return [JointStateProblem(sentence, self.first_ns, self.last_ns, wrong_power=wrong_power)]
 
 
 class Plausibility:
@@ -134,13 +137,13 @@ class Plausibility:
         """Return what was found so far, one sentence each."""
         found: list[JointStateProblem] = []
         if self._beyond.first_ns is not None:
-            found += self._beyond.finding(self._beyond_sentence())
+            found += self._beyond.finding(*self._beyond_limits())
         found += self._zeros.finding(
             "all joints have been exactly zero (position and velocity) for "
             f"{self._zero_for * NANOSECOND:.0f} s: is the driver connected to a robot?"
         )
         if self._astray.first_ns is not None:
-            found += self._astray.finding(self._ratio_sentence())
+            found += self._astray.finding(self._ratio_sentence(), wrong_power=True)
         return found
 
     def _note_beyond(self, block: JointBlock, rows: NDArray[np.bool_]) -> None:
@@ -213,11 +216,11 @@ class Plausibility:
             self._ratio = (joint, float(ratio[joint]))
             self._astray.note(stamp_ns)
 
-    def _beyond_sentence(self) -> str:
-        """Name the joint that is furthest out, and the unit that would explain it."""
+    def _beyond_limits(self) -> tuple[str, bool]:
+        """Name the joint that is furthest out; and whether another unit explains it."""
         limits = self._limits
         if limits is None:
-            return ""
+            return "", False
         above, below = self._most - self._high, self._low - self._least
         out = np.maximum(above, below)
         fast = self._speed - self._fastest
@@ -246,8 +249,8 @@ class Plausibility:
         reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))
         if bool(fits.all()) and bool((size > FAR * reach)[wrong].any() or not positions):
             subject = "joint states look" if positions else "velocities look"
-            return f"{what}: the {subject} like {unit}{'' if positions else ' per second'}"
-        return f"{what}: is this the model of the robot, and are the units rad and m?"
+            return f"{what}: the {subject} like {unit}{'' if positions else ' per second'}", True
+        return f"{what}: is this the model of the robot, and are the units rad and m?", False
 
     def _ratio_sentence(self) -> str:
         joint, ratio = self._ratio

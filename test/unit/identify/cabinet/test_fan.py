@@ -12,7 +12,7 @@ from robot_energy.model.schema import CabinetFan
 from robot_energy_identify import run_all
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet import fan as fan_module
-from robot_energy_identify.cabinet.fan import Rests, fan_of, stands, with_begin
+from robot_energy_identify.cabinet.fan import Rests, fan_of, runs_at_begin, with_begin
 from robot_energy_identify.drives.all_drives import DrivesFound
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
@@ -92,13 +92,13 @@ def begun(power, count=20, degc=40.0):
     return Rests(4.0 * np.arange(count), power + noise, same, np.zeros((count, 3)), 0.0 * same)
 
 
-def test_rests_before_its_start_show_a_fan_that_stands():
+def test_rests_before_its_start_show_whether_a_fan_runs():
     """100 W are the constants; 30 W of a fan would be in rests at 40 degC, below 44 - 1.4."""
-    assert stands(begun(103.0), FAN, 100.0)
-    assert not stands(begun(127.0), FAN, 100.0)
-    assert not stands(begun(115.0), FAN, 100.0)  # neither is sure
-    assert not stands(begun(103.0, 5), FAN, 100.0)
-    assert not stands(begun(103.0, degc=43.0), FAN, 100.0)  # it may have started
+    assert runs_at_begin(begun(103.0), FAN, 100.0) is False
+    assert runs_at_begin(begun(127.0), FAN, 100.0) is True
+    assert runs_at_begin(begun(115.0), FAN, 100.0) is None  # neither is sure
+    assert runs_at_begin(begun(103.0, 5), FAN, 100.0) is None
+    assert runs_at_begin(begun(103.0, degc=43.0), FAN, 100.0) is None  # it may have started
 
 
 def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_open(monkeypatch):
@@ -118,6 +118,9 @@ def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_op
     assert (found.begins_off_to_degc.value, found.begins_off_to_degc.source) == (40.0, "bags")
     assert found.model_copy(update={"begins_off_to_degc": None}) == FAN
     assert with_begin(FAN, [recordings[0], recordings[-1]], "bags") == FAN
+    cooled = part(38.5, 30.0)  # from where it ran
+    assert with_begin(FAN, [*recordings, cooled], "bags").begins_off_to_degc.value == 38.0
+    assert with_begin(FAN, [recordings[2], cooled], "bags") == FAN
 
 
 @pytest.mark.parametrize(
@@ -178,7 +181,7 @@ def test_rests_are_more_than_what_is_fitted_to_them(joints, enough):
 
 
 def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
-    """Power better by 2 %, and energy not worse."""
+    """Power 2 % better, of all readings or at rest; of all neither power nor energy is worse."""
 
     old = EnergyScore(20.0, 0.03, 0.05)
 
@@ -190,7 +193,10 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
     assert "6.0 % off and 15 W" in reason(15.0, 0.06)
-    assert reason(19.9, 0.02, (EnergyScore(3.0, 0.01, 0.01), EnergyScore(5.0, 0.02, 0.02))) == ""
+    rests = EnergyScore(3.0, 0.01, 0.01), EnergyScore(5.0, 0.02, 0.02)
+    assert reason(19.9, 0.02, rests) == reason(20.0, 0.032, rests) == ""
+    assert "and 20.1 W" in reason(20.1, 0.02, rests)  # what rests gain, motion must not lose
+    assert "4.0 % off" in reason(19.9, 0.04, rests)
     assert "and 19.9 W" in reason(19.9, 0.02, (old, old))
     assert "cannot be tested" in reason(None, 0.02)
     assert "cannot be tested" in fan_refused(Step("drives", None, "too few readings", load("kr16")))

@@ -9,10 +9,15 @@ import pytest
 
 from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.model.drive_models import LossDrive
+from robot_energy.physics.friction import viscous_law
 from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
 from robot_energy_identify.bounds import identified
+from robot_energy_identify.cabinet.link_errors import _change_of_drives, _Error
+from robot_energy_identify.check.evidence import Remarks, evidence_of
+from robot_energy_identify.data.bags import EVER, Fold
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import DriveData, shaft_torque, winding_torque
 from robot_energy_identify.drives.drives import AxisSamples
@@ -20,13 +25,20 @@ from robot_energy_identify.drives.loss_map import fit_loss_map
 from robot_energy_identify.drives.losses import TERMS
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.friction.torque_constants import (
+    BY_CURRENT,
     FallingConstant,
     at_shaft,
     find_falls,
     fit_fall,
     with_falls,
 )
-from warm_wheel import readings, turning, wheel
+from robot_energy_identify.friction_and_thermal import find_friction
+from robot_energy_identify.run_all import FullIdentification
+from robot_energy_identify.stats.held_out_energy import held_out_energy
+from robot_energy_identify.stats.systematic import TORQUE
+from robot_energy_identify.steps import Step
+from robots import figure
+from warm_wheel import COULOMB, readings, turning, viscous, wheel
 
 FALL = 0.001  # 1/K
 PERIOD = 0.04  # s
@@ -116,19 +128,24 @@ def test_a_torque_sensor_shows_no_magnets():
     assert with_falls(wheel(), []).joints[0].torque_constant_fall is None
 
 
-def recording_of(model, degc, moving=True):
-    """Seven newton metres by the current, for three seconds."""
+def recording_of(model, degc, moving=True, swings=False):
+    """Seven newton metres by the current, for three seconds, or swings of a minute."""
     pipeline = EnergyPipeline(model, Settings(effort=EffortMeaning.MOTOR_TORQUE))
     block = turning(3.0, effort=np.full(6, 7.0))
+    if swings:
+        block = turning(60.0, period=0.02, effort=np.zeros(3000))
+        turn = 2.0 * (np.arange(3000) * 0.02)[:, None]
+        block = replace(block, joint_position=2.0 * np.sin(turn), joint_velocity=4.0 * np.cos(turn))
     if not moving:
         still = np.zeros_like(block.joint_velocity)
         block = replace(block, joint_position=still, joint_velocity=still)
-    outputs = pipeline.step(block, readings(3, degc)), pipeline.flush()
+    outputs = pipeline.step(block, readings(60, degc)), pipeline.flush()
     torque, power = (
         kind.concatenate([part for one in outputs if (part := getattr(one, name)) is not None])
         for kind, name in ((TorqueBlock, "torque"), (PowerBlock, "power"))
     )
-    return Recording(Path(), model, torque, power, None, "", ())
+    found = Recording(Path(), model, torque, power, None, "", ())
+    return replace(found, **vars(effort(EffortMeaning.MOTOR_TORQUE)))
 
 
 def falling(fall):
@@ -142,17 +159,50 @@ def test_recordings_at_the_shaft():
     assert at_shaft([recording], wheel()) == [recording]
 
 
+@pytest.mark.parametrize("meaning", [EffortMeaning.MOTOR_TORQUE, EffortMeaning.JOINT_TORQUE])
+def test_friction_is_that_of_the_shaft_where_the_model_keeps_a_fall_that_no_warm_up_shows(meaning):
+    """Soaked at 20 to 70 degC, 0.2 % per kelvin: read by current, 70 degC show 1.11 of it."""
+    fall = 0.002 if meaning is EffortMeaning.MOTOR_TORQUE else 0.0
+    parts = [swung(falling(0.002), degc, fall, meaning) for degc in (20.0, 45.0, 70.0)]
+    found = find_friction(parts, parts[0].model, "bags")
+    assert not found.falls
+    (fit,) = found.fits
+    for degc in (20.0, 45.0, 70.0):
+        assert viscous_law(fit.law).viscous(degc) == pytest.approx(viscous(degc), rel=0.01)
+    assert fit.coulomb == pytest.approx(COULOMB, rel=0.01)
+    (joint,) = found.write(parts[0].model, "bags").joints
+    assert joint.torque_constant_fall.value == 0.002
+
+
+def test_a_warm_up_shows_the_whole_fall_whatever_the_model_has():
+    warm_up = swung(falling(0.002), np.linspace(20.0, 70.0, 60)[:, None], 0.001, BY_CURRENT[0])
+    (found,) = find_friction([warm_up], warm_up.model, "bags").falls
+    assert found.fall.value == pytest.approx(0.001, rel=0.02)
+
+
+def swung(model, degc, fall, meaning):
+    """Swings of a minute with the friction of the wheel, read by a current if it falls."""
+    recording = recording_of(model, degc, swings=True)
+    torque, speed = recording.torque, recording.torque.motor_velocity
+    motor = recording.power.motor_temperature_degc
+    friction = COULOMB * np.sign(speed) + viscous(motor) * speed
+    read = (torque.motor_torque_rigid + friction) / (1.0 - fall * (motor - 20.0))
+    torque = replace(torque, motor_torque_measured=read)
+    return replace(recording, torque=torque, **vars(effort(meaning)))
+
+
 def test_windings_at_rest_are_heated_by_the_current_that_was_read():
     recording = recording_of(falling(0.005), 120.0, moving=False)
     np.testing.assert_allclose(shaft_torque(recording), 3.5, rtol=1e-15)
-    np.testing.assert_allclose(winding_torque(recording), 7.0, rtol=1e-15)
+    np.testing.assert_allclose(winding_torque(recording, shaft_torque(recording)), 7.0, rtol=1e-15)
     plain = recording_of(wheel(), 120.0, moving=False)
-    np.testing.assert_array_equal(winding_torque(plain), shaft_torque(plain))
+    torque = shaft_torque(plain)
+    assert winding_torque(plain, torque) is torque
 
 
 def test_drives_are_identified_with_the_current_of_warm_motors():
     hot, none = np.full((4, 1), 120.0), np.zeros((4, 1))
-    constants = TorqueConstants(np.array([0.005]))  # half is left
+    constants = TorqueConstants(np.array([0.005]), 20.0)  # half is left
     torque = np.array([[1.0], [2.0], [-1.0], [0.0]])
     data = DriveData(
         ("axle",), np.arange(4), np.zeros(4, int), np.zeros(4, int), none, torque, hot, none,
@@ -170,7 +220,50 @@ def test_a_loss_map_has_knots_of_that_current():
     given = speed, torque, np.full(2000, 120.0), power, np.arange(2000) // 5
     cold, warm = (
         fit_loss_map(AxisSamples(*given, constants=one))
-        for one in (None, TorqueConstants(np.array([0.005])))
+        for one in (None, TorqueConstants(np.array([0.005]), 20.0))
     )
     np.testing.assert_allclose(warm.motor_torque, 2.0 * np.array(cold.motor_torque), rtol=1e-4)
     np.testing.assert_allclose(warm.loss, cold.loss, atol=1e-3)
+
+
+def test_held_out_torque_is_compared_at_the_shaft():
+    """Half is left: 3.5 N m for a second at 40 rad/s, whose samples have a full window."""
+    bag = SimpleNamespace(name="soaked", spans=(EVER,))
+    bag.whole = lambda model: recording_of(model, 120.0)
+    bag.read = lambda model: [bag.whole(model)]
+    bag.with_meter_undone = lambda *undone: bag
+    fitted = FullIdentification(wheel(), (Step("friction", None, "", falling(0.005)),))
+    (entry,) = held_out_energy("test", [Fold((bag,), (bag,))], fitted).tested
+    np.testing.assert_allclose(entry.motor_torque, 3.5, rtol=1e-15)
+    assert entry.shaft == pytest.approx(3.5 * 40.0)
+    friction = COULOMB + viscous(120.0) * 40.0
+    for stage, read in (("given", 7.0), ("friction", 3.5)):
+        expected = (read - friction) / read
+        assert entry.predictions[stage].torque_error == pytest.approx(expected, rel=0.01)
+
+
+def test_check_sees_the_torque_of_the_shaft():
+    recording = recording_of(falling(0.005), 120.0)
+    blocks = recording.torque, recording.power[slice(2, None)], None
+    seen, unknown = (
+        evidence_of(recording.model, meaning, *blocks, Remarks()).motor_torque[:, 0]
+        for meaning in (EffortMeaning.MOTOR_TORQUE, EffortMeaning.NONE)
+    )
+    np.testing.assert_allclose(seen, [7.0, 7.0, *4 * [3.5]], rtol=1e-15)
+    assert np.isnan(unknown).all()
+
+
+def test_errors_of_torque_constants_move_the_losses_of_the_current():
+    """Half is left: windings are heated by 4 times the square of the torque at the shaft."""
+    cold, warm = (recording_of(lossy(model), 120.0) for model in (wheel(), falling(0.005)))
+    change = [_change_of_drives(part, _Error(TORQUE, 0, np.zeros((3, 1)))) for part in (cold, warm)]
+    heat = 0.1 * 1.39 * warm.power.motor_torque[:, 0] ** 2
+    expected = cold.sensors.std.torque * 2.0 * (4.0 - 1.0) * heat
+    np.testing.assert_allclose(change[1] - change[0], expected, rtol=1e-9)
+
+
+def lossy(model):
+    names = "constant", "linear", "quadratic", "copper", "copper_temperature_coefficient"
+    values = 0.0, 0.0, 0.0, 0.1, 0.0039
+    losses = {name: figure(value) for name, value in zip(names, values, strict=True)}
+    return model.with_joints("losses", {"axle": LossDrive.model_validate(losses)})

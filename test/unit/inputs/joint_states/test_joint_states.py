@@ -256,12 +256,14 @@ def test_degrees_are_flagged_within_ten_seconds_named_and_left_as_they_are():
     assert sentences(ingest) == [
         "a is at 85.94, its limits are -3 to 3 rad: the joint states look like degrees"
     ]
+    assert ingest.findings()[0].wrong_power
 
 
 def test_another_robot_is_said_from_another_unit():
     ingest = JointStateIngest(NAMES, limits=limits())
     take(ingest, moving(sway() + 1000.0))
     assert "is this the model of the robot" in sentences(ingest)[0]
+    assert not ingest.findings()[0].wrong_power
 
 
 def test_millimetres_are_recognised_on_prismatic_joints():

@@ -1,4 +1,13 @@
-"""Files for dashboards of others: `robot-energy layouts` and `monitoring`."""
+"""`robot-energy monitoring`: files for Prometheus and Grafana.
+
+Write prometheus.yaml, alert_rules.yaml, grafana.json and grafana_history.json into a folder: a
+configuration of Prometheus that reads /metrics of the energy page, alert rules, and dashboards
+to import into Grafana, the second on the PostgreSQL table that `history export` fills.
+
+examples:
+  robot-energy monitoring --out monitoring
+  robot-energy monitoring --out monitoring --target robot-cell:8421 --token-file /etc/token
+"""
 
 from __future__ import annotations
 
@@ -12,47 +21,15 @@ from robot_energy.foundation.files.placement import all_or_none
 from robot_energy.foundation.shown_text import shown
 from robot_energy_cli.command import REQUIRED, Command, Options
 
-LAYOUTS_OPTIONS: Options = {
-    "--out FOLDER": ("folder for the files", REQUIRED),
-    "--model FILE|NAME": ("whose joints are shown (%(default)s)", {"default": "kr16"}),
-}
-
-
-def _layouts(args: Namespace) -> int:
-    """`robot-energy layouts`: write layouts for Foxglove, Lichtblick, PlotJuggler, rqt.
-
-    Write layouts that show every number of the energy topics: for Foxglove, Lichtblick, PlotJuggler
-    3 and rqt. They are made from the message definitions and the joints of the model.
-    """
-    from robot_energy.model import load
-    from robot_energy_report.layouts import write_layouts
-
-    for path in write_layouts(args.out, load(args.model).joint_names):
-        print(path)
-    return 0
-
-
-LAYOUTS = Command.of(_layouts.__doc__, _layouts, LAYOUTS_OPTIONS)
-
 AS_THEY_ARE = ("alert_rules.yaml", "grafana.json", "grafana_history.json")
-MONITORING_OPTIONS: Options = {
+OPTIONS: Options = {
     "--out FOLDER": ("folder for the four files", REQUIRED),
     "--target HOST:PORT": ("the energy page", {"default": "127.0.0.1:8421"}),
     "--token-file FILE": ("file with its token, for Prometheus", {"default": ""}),
 }
 
 
-def _monitoring(args: Namespace) -> int:
-    """`robot-energy monitoring`: files for Prometheus and Grafana.
-
-    Write prometheus.yaml, alert_rules.yaml, grafana.json and grafana_history.json into a folder: a
-    configuration of Prometheus that reads /metrics of the energy page, alert rules, and dashboards
-    to import into Grafana, the second on the PostgreSQL table that `history export` fills.
-
-    examples:
-      robot-energy monitoring --out monitoring
-      robot-energy monitoring --out monitoring --target robot-cell:8421 --token-file /etc/token
-    """
+def _run(args: Namespace) -> int:
     from importlib.resources import files as resources
 
     folder = Path(args.out)
@@ -88,4 +65,4 @@ def _scrape_config(target: str, token_file: str) -> str:
     return COMMENT + yaml.safe_dump(config, sort_keys=False, width=1000)
 
 
-MONITORING = Command.of(_monitoring.__doc__, _monitoring, MONITORING_OPTIONS)
+COMMAND = Command.of(__doc__, _run, OPTIONS)
