@@ -26,6 +26,7 @@ from robot_energy.model.payload import Payload, payload, several_carried
 from robot_energy.timeline.blocks import NANOSECOND, Float, known_part
 
 MAX_SAMPLES = 1_000_000  # of all repetitions; the srv file says so
+MAX_CANDIDATES = 100  # the srv file says so
 NAME = "the trajectory"
 Answer = dict[str, Any]
 
@@ -126,9 +127,6 @@ def temperatures_of(
     asked = np.array([by_name.get(name, math.nan) for name in model.joint_names])
     known = np.where(np.isnan(asked), newest_degc, asked)
     return np.where(np.isnan(known), model.temperature.fallback_degc, known)
-
-
-MAX_CANDIDATES = 100  # the srv file says so
 
 
 def compared(
