@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import field
 from typing import Annotated
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.results.base import Result, Texts
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.friction.apart import (
     recordings_apart,
@@ -36,37 +36,38 @@ from robot_energy_identify.thermal.network import (
 from robot_energy_identify.thermal.windows import runs_of_recordings
 
 
-class FrictionFound(Described):
-    """Friction over temperature."""
+class FrictionReport(Result, name="friction"):
+    """Friction over motor temperature."""
 
-    fits: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
-    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
+    effort: Annotated[str, "What the torque was measured as; ``log``: relative figures of a log."]
+    axes: Annotated[tuple[FrictionFit, ...], "One per axis that could be identified."]
+    refused: Annotated[Texts, "Why the others could not, one sentence each."]
     gears: Annotated[
         GearsFound, "Temperatures of gears, which the friction of their axes follows."
     ] = field(default_factory=GearsFound)
-    hold: Annotated[
-        HoldFit | None, "What motors hold at rest; None where too few rests show it."
-    ] = None
+    hold: Annotated[HoldFit | None, "What motors hold at rest; None if few rests show it."] = None
     apart: Annotated[
-        tuple[str, ...],
-        "Recordings whose friction is not that of the others, or that lack temperatures others "
-        "have, one sentence each.",
+        Texts, "Recordings of other friction, or without temperatures, one sentence each."
     ] = ()
     falls: Annotated[
         tuple[FallingConstant, ...], "Torque constants that fall with the motor temperature."
     ] = ()
 
+    @property
+    def torque_unit(self) -> str:
+        return "A" if self.effort == "log" else "N m"
+
     def write(self, model: RobotModel, source: str) -> RobotModel:
         """Return a model with this friction, which follows gears where they were found."""
-        names = [fit.name for fit in self.fits]
-        written = with_falls(with_friction(model, self.fits, source), self.falls)
+        names = [fit.name for fit in self.axes]
+        written = with_falls(with_friction(model, self.axes, source), self.falls)
         written = self.gears.write(written, names)
         return written if self.hold is None else self.hold.write(written, source)
 
 
 def find_friction(
     recordings: Sequence[Recording], model: RobotModel, source: str, share: bool = False
-) -> FrictionFound:
+) -> FrictionReport:
     """Return the friction of every axis, over the temperature of gears where they show.
 
     Args:
@@ -88,28 +89,32 @@ def find_friction(
     names = [part.path.name for part in recordings]
     apart = recordings_apart(names, axes, fits, model)
     apart += recordings_without_temperature(recordings)
-    return FrictionFound(tuple(fits), (*refused, *implausible), gears, hold, apart, falls)
+    refused = (*refused, *implausible)
+    return FrictionReport("measured", tuple(fits), refused, gears, hold, apart, falls)
 
 
-class ThermalFound(Described):
-    """Thermal networks of the motors."""
+class ThermalReport(Result, name="thermal"):
+    """Thermal networks of the motors of a robot."""
 
-    ambient_degc: Annotated[float, "Temperature of the air: the coldest first reading. [degC]"]
-    fits: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
-    refused: Annotated[tuple[str, ...], "Why the others could not, one sentence each."]
-    gears: Annotated[GearsFound, "Temperatures of gears, found by the power meter."] = field(
-        default_factory=GearsFound
-    )
+    heat: Annotated[
+        str, "``losses`` [W], or of a log ``squared_current`` [A^2], with relative capacities."
+    ]
+    ambient_degc: Annotated[float, "Temperature of the air that was taken. [degC]"]
+    axes: Annotated[tuple[ThermalFit, ...], "One per motor that could be identified."]
+    refused: Annotated[Texts, "Why the others could not, one sentence each."]
+    gears: Annotated[
+        GearsFound, "Temperatures of gears by the power meter, where torque gave none."
+    ] = field(default_factory=GearsFound)
 
     def write(self, model: RobotModel) -> RobotModel:
         """Return a model with these networks and gears."""
-        written = with_networks(model, self.fits, self.ambient_degc)
+        written = with_networks(model, self.axes, self.ambient_degc)
         return self.gears.write(written, [fit.name for fit in self.gears.fits])
 
 
 def find_thermal(
     recordings: Sequence[Recording], model: RobotModel, ambient_degc: float | None, source: str
-) -> ThermalFound:
+) -> ThermalReport:
     """Return thermal networks of motors, and gears by the power meter where torque gave none.
 
     Args:
@@ -132,4 +137,4 @@ def find_thermal(
         if not gears.fits:
             raise failure
         refused = [str(failure)]
-    return ThermalFound(ambient, tuple(fits), tuple(refused), gears)
+    return ThermalReport("losses", ambient, tuple(fits), tuple(refused), gears)

@@ -36,7 +36,7 @@ from robot_energy_identify.cabinet.link_readings import (
     with_energy,
 )
 from robot_energy_identify.data.recordings import Recording, spread, with_meter
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.drive_data import held_energy
 from robot_energy_identify.stats.cross_validation import (
     EnergyScore,
@@ -105,7 +105,7 @@ class LinkFit(Described):
 def fit_link(
     recordings: Sequence[Recording],
     cabinet: Cabinet | None = None,
-    drives: DrivesFound | None = None,
+    drives: DrivesReport | None = None,
 ) -> LinkFit:
     """Return the energy with its interval, and what it is worth on held-out readings.
 

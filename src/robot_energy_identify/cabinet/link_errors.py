@@ -16,7 +16,7 @@ from robot_energy.model.schema import Cabinet
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.cabinet.link_readings import LinkReadings, readings_of
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.drive_data import COOL, winding_torque
 from robot_energy_identify.drives.losses import COPPER_COEFFICIENT, loss_columns
 from robot_energy_identify.drives.total_sums import COEFFICIENTS
@@ -44,7 +44,7 @@ def energy_errors(
     cabinet: Cabinet,
     energies: Float,
     data: LinkReadings,
-    drives: DrivesFound | None,
+    drives: DrivesReport | None,
 ) -> dict[str, float]:
     """Return the deviations of the energy of a DC link that errors make, by cause. [J]
 
@@ -76,7 +76,7 @@ def energy_errors(
     return parts
 
 
-def _errors(found: DrivesFound | None, n_joints: int) -> list[_Error]:
+def _errors(found: DrivesReport | None, n_joints: int) -> list[_Error]:
     """Errors of a robot whose drives were found in these recordings, if they were."""
     errors = {
         (TORQUE, joint): _Error(TORQUE, joint, np.zeros((3, n_joints))) for joint in range(n_joints)

@@ -16,8 +16,9 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
 from robot_energy_identify.friction.temperature_study import Span, temperature_split
+from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_identify.plausibility import check_friction
-from robot_energy_identify.results.identification import FrictionReport, axis_study
+from robot_energy_identify.results.identification import axis_study
 from robot_energy_identify.stats.regression import jackknife
 from robot_energy_logs.log_import import open_logs
 from robot_energy_report.document import Document

@@ -166,7 +166,7 @@ def test_friction_is_that_of_the_shaft_where_the_model_keeps_a_fall_that_no_warm
     parts = [swung(falling(0.002), degc, fall, meaning) for degc in (20.0, 45.0, 70.0)]
     found = find_friction(parts, parts[0].model, "bags")
     assert not found.falls
-    (fit,) = found.fits
+    (fit,) = found.axes
     for degc in (20.0, 45.0, 70.0):
         assert viscous_law(fit.law).viscous(degc) == pytest.approx(viscous(degc), rel=0.01)
     assert fit.coulomb == pytest.approx(COULOMB, rel=0.01)
