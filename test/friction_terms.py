@@ -58,7 +58,7 @@ def _temperature(train: FrictionData, seen: FrictionData) -> Float:
 
 
 def _load(train: FrictionData, seen: FrictionData) -> Float:
-    if not len(train.load):
+    if train.rigid is None:
         raise NotIdentifiableError(f"the bodies of {train.name} are not known", "a model")
     return law_torque(*fit_law(_law(train), train.by_load(np.inf)), seen.by_load(np.inf))
 
@@ -66,7 +66,7 @@ def _load(train: FrictionData, seen: FrictionData) -> Float:
 def _exponent(train: FrictionData, seen: FrictionData) -> Float:
     """With friction by load where bodies are known."""
     name = _law(train)
-    if len(train.load):
+    if train.rigid is not None:
         train, seen = train.by_load(np.inf), seen.by_load(np.inf)
     bent, _ = with_exponent(fit_law(name, train)[0], train)
     power = {"exponent": bent.exponent, "exponent_velocity": bent.exponent_velocity}
@@ -130,9 +130,7 @@ def held_out_terms(data: FrictionData, fold: Int) -> TermErrors:
     """
 
     def of(predict: Predict) -> Float:
-        return predict_held_out(
-            fold, lambda train, test: predict(data.rows(train), data.rows(test))
-        )
+        return predict_held_out(fold, lambda train, test: predict(data[train], data[test]))
 
     return _errors(data.friction_torque, of, shown_terms(data))
 

@@ -209,11 +209,10 @@ def _over_temperature(axis: FrictionData) -> FrictionFit | None:
 
     None where the data do not determine it.
     """
-    untested = np.empty(0)
-    tried = [replace(axis.by_load(np.inf), load=untested)] if axis.load.any() else []
-    for data in (*tried, replace(axis, load=untested)):
+    loaded = [axis.by_load(np.inf)] if axis.rigid is not None and axis.rigid.any() else []
+    for tried in (*loaded, axis):
         with suppress(NotIdentifiableError):
-            return fit_laws(data)
+            return fit_laws(replace(tried, rigid=None))
     return None
 
 

@@ -218,7 +218,7 @@ def find_drives(
         pieces = sums(data, model)
         here = model is not None and pieces.fan is not None and _found_here(model, source)
         if model is not None and here:
-            pieces = pieces.rows(fan_known(pieces, model))
+            pieces = pieces[fan_known(pieces, model)]
         fit = fit_total(pieces)
         fan_power, whole = None, None
         if model is not None and here:

@@ -111,6 +111,7 @@ def load_that_shows(law: str, rms: float, data: FrictionData) -> float | None:
     Returns:
         Infinite where it never does.
     """
+    assert data.load is not None
     whole, fold = data.by_load(np.inf), folds_of_axis(data)[1]
     try:
         found = load_of(fit_law(law, whole)[1], whole)

@@ -38,7 +38,7 @@ def held_out_law(
     data = replace(data, deviations=False)
 
     def predict(train: Mask, test: Mask) -> Float:
-        return law_torque(*fit(data.rows(train)), data.rows(test))
+        return law_torque(*fit(data[train]), data[test])
 
     return held_out(data.friction_torque, fold, predict)
 

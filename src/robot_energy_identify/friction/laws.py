@@ -84,9 +84,10 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
             f"the motions of {data.name}",
             data.deviations,
         )
-        if not data.deviations:
+        if not data.deviations or data.changes is None:
             return fit
-        return with_systematic(fit, columns, {k: (v,) for k, v in data.changes.items()})
+        changes = zip(data.causes, data.changes.T, strict=True)
+        return with_systematic(fit, columns, {cause: (change,) for cause, change in changes})
     except NotIdentifiableError as error:
         if one_speed(data):
             raise _one_speed(data) from error

@@ -213,7 +213,7 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
         for mode in range(2)
     ]
     ends = ambient_degc + np.sum(above_ambient, axis=0)
-    if not len(run.age):
+    if run.age is None:
         return ends
     return ends - run.age * np.diff(ends, prepend=run.start_degc)
 
@@ -279,7 +279,7 @@ def _held_out(
     parts: list[tuple[Float, Float, Float]] = []
     if len(runs) == 1:
         row = int(TRAIN_SHARE * len(runs[0]))
-        train, tests = [[runs[0].until(row)]], [(runs[0], row)]
+        train, tests = [[runs[0][:row]]], [(runs[0], row)]
     else:
         train = [[run for run in runs if run is not test] for test in runs]
         tests = [(run, 0) for run in runs]

@@ -6,17 +6,14 @@ A window lasts 10 s, or a sixtieth of a run that lasts less than 10 min, as a sm
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from robot_energy.condition.thermal_state import WINDOW
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError
 from robot_energy.model import RobotModel
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
 from robot_energy_identify.data.recordings import Recording
 
 if TYPE_CHECKING:
@@ -27,7 +24,7 @@ SHORTEST = 1.0  # s, where it is as long as sixty of these
 MAX_GAP = 600.0  # s without samples, beyond which another run begins
 
 
-class ThermalRun(Described):
+class ThermalRun(Rows):
     """One motor during one run, in windows; those without samples have no heat."""
 
     time: Annotated[Float, "Start of each window, shape (N,). [s]"]
@@ -44,18 +41,10 @@ class ThermalRun(Described):
     start_degc: Annotated[float, "First reading. [degC]"]
     window: Annotated[float, "Length of a window. [s]"] = WINDOW
     age: Annotated[
-        Float,
-        "Of the reading at the end of its window, as a share of the window; empty: 0, shape (N,). "
+        Float | None,
+        "Of the reading at the end of its window, as a share of the window; None: 0, shape (N,). "
         "[-]",
-    ] = field(default_factory=partial(np.empty, 0))
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def until(self, row: int) -> ThermalRun:
-        """Return the first windows."""
-        names = ("time", "drive_heat", "friction_heat", "awake", "motor_temperature_degc", "age")
-        return replace(self, **{name: getattr(self, name)[:row] for name in names})
+    ] = None
 
 
 def without_networks(model: RobotModel) -> RobotModel:

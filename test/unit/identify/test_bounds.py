@@ -58,7 +58,7 @@ def total():
         unknown,
         np.zeros(300, dtype=np.int64),
         np.arange(300) // 10,
-        np.ones((3, 2)),
+        (np.ones(2),) * 3,
         np.zeros((300, 2)),
     )
 

@@ -64,7 +64,7 @@ def recorded(seconds, degc, seed, fall=FALL, load=2.0, run=0, given=None):
     torque = read - known + 0.05 * rng.standard_normal(count)
     return FrictionData(
         "axle", speed, torque, motor, 10_000 * run + np.arange(count) // 125,
-        np.full(count, run), np.empty((count, 0)), load=np.abs(known), rigid=known,
+        np.full(count, run), np.empty((count, 0)), rigid=known,
     )  # fmt: skip
 
 
