@@ -15,8 +15,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.friction.friction import falling_torque, fit_friction, fit_laws
 from robot_energy_identify.friction.further_terms import with_exponent
-from robot_energy_identify.friction.held_out import law_torque
-from robot_energy_identify.friction.laws import fit_law
+from robot_energy_identify.friction.laws import fit_law, law_torque
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.stats.cross_validation import predict_held_out, relative_error, rms_of
 

@@ -53,8 +53,7 @@ def _run(args: Namespace) -> int:
 
 def _of_log(given: IdentifyInputs, ambient_degc: float | None) -> ThermalReport:
     from robot_energy_identify.friction_and_thermal import ThermalReport
-    from robot_energy_identify.thermal.network import fit_networks
-    from robot_energy_identify.thermal.windows import runs_of_log
+    from robot_energy_identify.thermal.network import fit_networks, runs_of_log
 
     parts, names = given.columns_of_log()
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]

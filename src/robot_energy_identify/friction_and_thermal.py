@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import field
 from typing import Annotated
 
+import numpy as np
+
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
+from robot_energy.physics.friction import FrictionModel
 from robot_energy.results.base import Result, Texts
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.friction.apart import (
-    recordings_apart,
-    recordings_without_temperature,
-)
 from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
-from robot_energy_identify.friction.samples import friction_data
+from robot_energy_identify.friction.samples import FrictionData, friction_data, moving_rows
 from robot_energy_identify.friction.shared_shape import share_shape
 from robot_energy_identify.friction.torque_constants import (
     FallingConstant,
@@ -31,9 +30,13 @@ from robot_energy_identify.thermal.network import (
     ThermalFit,
     ambient_of,
     fit_networks,
+    runs_of_recordings,
     with_networks,
 )
-from robot_energy_identify.thermal.windows import runs_of_recordings
+
+APART = 0.1  # of the friction power of an axis: sound recordings of one plant are off by 0.05
+MIN_AXES = 2  # that are so far off: one alone may be of another form than its law
+MIN_RECORDINGS = 3  # before one may be left out: two sound ones are both off, by up to 0.4
 
 
 class FrictionReport(Result, name="friction"):
@@ -91,6 +94,80 @@ def find_friction(
     apart += recordings_without_temperature(recordings)
     refused = (*refused, *implausible)
     return FrictionReport("measured", tuple(fits), refused, gears, hold, apart, falls)
+
+
+def recordings_apart(
+    names: Sequence[str],
+    axes: Sequence[FrictionData],
+    fits: Sequence[FrictionFit],
+    model: RobotModel,
+) -> tuple[str, ...]:
+    """Return the recordings whose friction power is far from the laws, all in one sentence.
+
+    One law for all takes up what differs in one of them, and then fits none: which is wrong does
+    not show.
+
+    Args:
+        names: Of the recordings.
+        axes: What the fits have seen, with the temperatures that the friction follows.
+    """
+    friction = FrictionModel.from_model(with_friction(model, fits, ""))
+    velocity, degc, load, measured = (
+        np.stack([getattr(axis, name) for axis in axes], axis=1)
+        for name in ("motor_velocity", "motor_temperature_degc", "load", "friction_torque")
+    )
+    # without a temperature the law is a constant
+    torque = friction.torque(
+        velocity, friction.coulomb, friction.viscous(np.nan_to_num(degc)), motor_torque_rigid=load
+    )
+    fitted = {fit.name for fit in fits}
+    shares = np.zeros((len(names), len(axes)))
+    for joint, axis in enumerate(axes):
+        if axis.name not in fitted:
+            continue
+        used = moving_rows(axis) & np.isfinite(torque[:, joint])
+        for number in range(len(names)):
+            rows = used & (axis.run == number)
+            drawn, said = (
+                float((one[rows, joint] * velocity[rows, joint]).sum())
+                for one in (measured, torque)
+            )
+            shares[number, joint] = drawn / said - 1.0 if said > 0.0 else 0.0
+    off = (np.abs(shares) > APART) & (len(names) > 1)
+    found = [
+        f"{name} ("
+        + ", ".join(
+            f"{axes[k].name} {100.0 * share[k]:+.0f} %" for k in np.flatnonzero(far).tolist()
+        )
+        + ")"
+        for name, share, far in zip(names, shares, off, strict=True)
+        if far.sum() >= MIN_AXES
+    ]
+    if not found:
+        return ()
+    remedy = "record temperatures in between"
+    if len(names) >= MIN_RECORDINGS:
+        remedy += ", or leave out one that is wrong: it puts sound ones off as well"
+    return (
+        f"friction power is off the laws of all recordings in {', '.join(found)}: too few "
+        "temperatures for a law, or none, motor temperatures that are wrong in one of them, gears "
+        "that are not as warm as motors, a payload that the model does not have, or another robot; "
+        f"{remedy}",
+    )
+
+
+def recordings_without_temperature(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return the recordings that lack a temperature that others have, one sentence each."""
+    read = np.array(
+        [np.isfinite(part.power.motor_temperature_degc).any(axis=0) for part in recordings]
+    )
+    lacking = ~read & read.any(axis=0)
+    return tuple(
+        f"{part.path.name}: no motor temperature of {', '.join(joints)}, whose friction is found "
+        "without this recording; check these sensors, or name their topic with --inputs"
+        for part, row in zip(recordings, lacking, strict=True)
+        if (joints := [part.model.joint_names[k] for k in np.flatnonzero(row).tolist()])
+    )
 
 
 class ThermalReport(Result, name="thermal"):

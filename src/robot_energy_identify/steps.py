@@ -54,7 +54,7 @@ from robot_energy_identify.plausibility import (
     check_total,
 )
 from robot_energy_identify.stats.cross_validation import GAIN
-from robot_energy_identify.thermal.windows import without_networks
+from robot_energy_identify.thermal.network import without_networks
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"]
 SUBJECTS: tuple[Subject, ...] = (

@@ -41,7 +41,7 @@ from robot_energy_identify.friction.friction import (
     fit_laws,
     with_friction,
 )
-from robot_energy_identify.friction.held_out import folds_of_axis
+from robot_energy_identify.friction.laws import folds_of_axis
 from robot_energy_identify.friction.samples import (
     FrictionData,
     friction_data,

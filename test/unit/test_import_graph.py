@@ -122,7 +122,7 @@ MODULES = {
         bag_source evaluate identify
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link fan levels link_errors link_readings phase_readings supply
+        cabinet dc_link fan levels link_readings phase_readings supply
     """,
     "robot_energy_identify.check": """
         evidence finding meter motion possible_causes process remedies run torque torque_fit
@@ -131,7 +131,7 @@ MODULES = {
         bags log_channels observations recordings rest signals thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency_map loss_map losses
+        all_drives delays drive_data drive_power drives efficiency_map losses
         total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
@@ -142,7 +142,7 @@ MODULES = {
         excitation limits
     """,
     "robot_energy_identify.friction": """
-        apart friction further_terms held_out hold laws samples shared_shape temperature_study
+        friction further_terms hold laws samples shared_shape temperature_study
         torque_constants
     """,
     "robot_energy_identify.results": """
@@ -155,7 +155,7 @@ MODULES = {
         cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy_identify.thermal": """
-        gear gears_by_meter network windows
+        gear gears_by_meter network
     """,
     "robot_energy_logs": """
         columns instants log_formats log_import mapping recording rows table text_table ur_rtde

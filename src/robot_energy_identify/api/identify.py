@@ -61,7 +61,7 @@ from robot_energy_identify.results.identification import (
 from robot_energy_identify.run_all import identify_everything, own_energies, with_provenance
 from robot_energy_identify.stats.held_out_energy import held_out_energy
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
-from robot_energy_identify.thermal.windows import without_networks
+from robot_energy_identify.thermal.network import without_networks
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]

@@ -25,11 +25,11 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
 from robot_energy.physics.drives_and_cabinet import CabinetStage
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy_identify.cabinet.link_errors import energy_errors
 from robot_energy_identify.cabinet.link_readings import (
     MIN_FLOW,
     LinkReadings,
     best_energy,
+    energy_errors,
     readings_of,
     squared_error,
     tried,

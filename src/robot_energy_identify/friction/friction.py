@@ -31,12 +31,14 @@ from robot_energy_identify.friction.further_terms import (
     load_of,
     load_that_shows,
 )
-from robot_energy_identify.friction.held_out import HeldOutPart, folds_of_axis, held_out_law
 from robot_energy_identify.friction.laws import (
     MIN_RANGE,
+    HeldOutPart,
     fit_falling,
     fit_law,
     fitted_laws,
+    folds_of_axis,
+    held_out_law,
     nuisance,
     one_speed,
     stribeck,

@@ -15,14 +15,13 @@ from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
 from robot_energy_identify.bounds import identified
-from robot_energy_identify.cabinet.link_errors import _change_of_drives, _Error
+from robot_energy_identify.cabinet.link_readings import _change_of_drives, _Error
 from robot_energy_identify.check.evidence import Remarks, evidence_of
 from robot_energy_identify.data.bags import EVER, Fold
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import DriveData, shaft_torque, winding_torque
 from robot_energy_identify.drives.drives import AxisSamples
-from robot_energy_identify.drives.loss_map import fit_loss_map
-from robot_energy_identify.drives.losses import TERMS
+from robot_energy_identify.drives.losses import TERMS, fit_loss_map
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.friction.torque_constants import (
     BY_CURRENT,
