@@ -67,15 +67,6 @@ def recorded(seconds, degc, seed, fall=FALL, load=2.0, run=0, given=None):
     )  # fmt: skip
 
 
-def together(parts):
-    names = ("motor_velocity", "friction_torque", "motor_temperature_degc", "block", "run")
-    names += ("nuisance", "load", "rigid")
-    return replace(
-        parts[0],
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-    )
-
-
 def test_a_fall_is_found_in_a_warm_up():
     fall = fit_fall(recorded(1200.0, (20.0, 70.0), 1), "here").fall
     assert fall.value == pytest.approx(FALL, rel=0.03)
@@ -96,7 +87,7 @@ def test_a_payload_of_the_warm_recording_does_not_look_like_magnets():
         recorded(600.0, (50.0, 62.0), 4, fall=0.0, load=2.1, given=2.0, run=1),
     ]
     with pytest.raises(NotIdentifiableError, match="grows by"):
-        fit_fall(together(parts))
+        fit_fall(FrictionData.concatenate(parts))
 
 
 def test_soaked_recordings_do_not_show_it():
@@ -105,7 +96,7 @@ def test_soaked_recordings_do_not_show_it():
         for run, degc in enumerate((20.0, 40.0, 60.0))
     ]
     with pytest.raises(NotIdentifiableError, match="warms by 2 K"):
-        fit_fall(together(parts))
+        fit_fall(FrictionData.concatenate(parts))
 
 
 def test_a_fall_that_no_magnet_has_is_refused():
