@@ -249,17 +249,23 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
     slope = np.zeros(len(fit.values))
     slope[1 : 1 + len(nodes)] = np.gradient(fit.values[1 : 1 + len(nodes)], nodes)
     fit = moved_by(fit, THERMOMETER, data.thermometer * slope)
-    above = fit.values[1 : 1 + len(nodes)] > 0.0
+    values = fit.values[1 : 1 + len(nodes)]
+    std = fit.std[1 : 1 + len(nodes)] if data.deviations else None
+    return table_law(nodes, values, std, source), fit
+
+
+def table_law(nodes: Float, viscous: Float, std: Float | None, source: str) -> TableLaw:
+    """Return a table of what was fitted at nodes [degC], nothing below 0, shape (K,) each."""
+    above = viscous > 0.0
     below = ", ".join(f"{node:.0f}" for node in nodes[~above])
-    table = TableLaw(
+    return TableLaw(
         law="table",
         motor_temperature_degc=[round(float(node), 3) for node in nodes],
-        viscous=[max(float(value), 0.0) for value in fit.values[1 : 1 + len(nodes)]],
-        std=fit.std[1 : 1 + len(nodes)].tolist() if data.deviations else None,
+        viscous=[max(float(value), 0.0) for value in viscous],
+        std=None if std is None else std.tolist(),
         tag="identified" if above.any() else "assumed",
         source=source if above.all() else f"{AT_BOUND} at {below} degC: {source}",
     )
-    return table, fit
 
 
 def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fit]:
@@ -307,30 +313,49 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     found = regress_friction(data, shape, ["hot viscous", "cold viscous"])
     hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
     tangent = _tangent(data, found, cold, scale, middle) if data.deviations else None
+    known = None if tangent is None else tangent.covariance[1:4, 1:4]
+    law = exponential_law((hot, cold, scale), middle, degc, known, source)
+    return law, found if tangent is None else _with_coulomb_of(found, tangent)
+
+
+def exponential_law(
+    figures: tuple[float, float, float],
+    middle: float,
+    degc: Float,
+    known: Float | None,
+    source: str,
+) -> ExponentialLaw:
+    """Return the law ``hot + cold exp(-(T - middle) / c)`` of samples at some temperatures.
+
+    Args:
+        figures: hot and cold [N m s/rad], and c [K].
+        known: Their covariance, shape (3, 3); None where it does not show.
+    """
+    hot, cold, scale = figures
     lift = float(np.exp(middle / scale))
     # of a, of b = cold exp(middle / c), and of c
     to_law = np.array(
         [[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0.0, 0.0, 1.0]]
     )
-    known, std = None, [None, None, None]
-    if tangent is not None:
+    covariance, std = None, [None, None, None]
+    if known is not None:
         with np.errstate(invalid="ignore"):  # an infinite variance makes NaN, and no covariance
-            covariance = to_law @ tangent.covariance[1:4, 1:4] @ to_law.T
-        covariance = 0.5 * (covariance + covariance.T)  # without what rounding made unequal
-        if np.isfinite(covariance).all():
-            known, std = covariance.tolist(), np.sqrt(np.diag(covariance)).tolist()
+            known = to_law @ known @ to_law.T
+        known = 0.5 * (known + known.T)  # without what rounding made unequal
+        if np.isfinite(known).all():
+            covariance, std = known.tolist(), np.sqrt(np.diag(known)).tolist()
     law = ExponentialLaw(
         law="exponential",
         a=identified(hot, std[0], source),
         b=identified(cold * lift, std[1], source),
         c=PositiveFigure(value=scale, tag="identified", std=std[2], source=source),
         fitted_degc=(float(degc.min()), float(degc.max())),
-        covariance=known,
+        covariance=covariance,
     )
-    if known is not None:
-        greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
-        law = law.model_copy(update={"std": float(greatest)})
-    return law, found if tangent is None else _with_coulomb_of(found, tangent)
+    if covariance is None:
+        return law
+    greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
+    return law.model_copy(update={"std": float(greatest)})
 
 
 def _tangent(data: FrictionData, fit: Fit, cold: float, scale: float, middle: float) -> Fit | None:
