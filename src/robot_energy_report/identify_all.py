@@ -25,8 +25,11 @@ from robot_energy_identify.data.bags import VIRTUAL, BagFacts
 from robot_energy_identify.drives.all_drives import DrivesReport, TotalPower
 from robot_energy_identify.drives.drives import DrivesFit
 from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
-from robot_energy_identify.results.dynamics import DynamicsReport
-from robot_energy_identify.results.identification import IdentificationReport, StepReport
+from robot_energy_identify.results.identification import (
+    DynamicsReport,
+    IdentificationReport,
+    StepReport,
+)
 from robot_energy_identify.steps import DynamicsFound
 from robot_energy_report.document import Column, Document
 from robot_energy_report.drives import drives_document

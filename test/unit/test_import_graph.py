@@ -128,7 +128,7 @@ MODULES = {
         evidence finding meter motion possible_causes process remedies run torque torque_fit
     """,
     "robot_energy_identify.data": """
-        bags log_channels observations recordings rest signals thinned
+        bags log_channels observations recordings rest thinned
     """,
     "robot_energy_identify.drives": """
         all_drives delays drive_data drive_power drives efficiency_map losses
@@ -146,7 +146,7 @@ MODULES = {
         torque_constants
     """,
     "robot_energy_identify.results": """
-        dynamics evaluation identification
+        evaluation identification
     """,
     "robot_energy_identify.starter": """
         arm description model_remarks model_text priors
@@ -187,7 +187,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats headline held_out
-        history_month history_tables html identification identify_all jobs layout layouts
+        history_month history_tables html identification identify_all jobs layouts
         model notebook optimization prediction printing recordings repeats replay
         replay_figures
     """,

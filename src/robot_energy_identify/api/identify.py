@@ -52,10 +52,11 @@ from robot_energy_identify.refused_recordings import (
     refuse_torque,
     torque_evidence,
 )
-from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
 from robot_energy_identify.results.identification import (
+    DynamicsReport,
     IdentificationReport,
     LoadStatesReport,
+    dynamics_report,
     identification_report,
 )
 from robot_energy_identify.run_all import identify_everything, own_energies, with_provenance

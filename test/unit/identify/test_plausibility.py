@@ -12,7 +12,7 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify import plausibility
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels
 from robot_energy_identify.drives.drives import fit_drives
 from robot_energy_identify.drives.total_sums import Sums
 from robot_energy_identify.dynamics.dynamics import identify_dynamics
