@@ -71,7 +71,9 @@ class Step(Result):
     """One step of the whole."""
 
     subject: Annotated[Subject, "What it is about."]
-    taken: Annotated[bool, "Whether the model has what was found."] = field(init=False)
+    taken: Annotated[bool, "Whether the model has what was found."] = field(
+        default=False, kw_only=True
+    )
     found: Annotated[Found | None, "What the recordings show; None if the step was left out."]
     reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
     model: Annotated[RobotModel, "After the step."] = field(repr=False)
