@@ -28,10 +28,10 @@ from robot_energy_identify.cabinet.supply import CabinetReport
 from robot_energy_identify.check.finding import CheckReport
 from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.dynamics.dynamics import DynamicsReport
+from robot_energy_identify.excitation.excitation import ExcitationReport
 from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
 from robot_energy_identify.results.evaluation import EvaluationReport
 from robot_energy_identify.results.identification import (
-    ExcitationReport,
     FrictionStudyReport,
     IdentificationReport,
     LoadStatesReport,
