@@ -5,64 +5,16 @@ from typing import Annotated
 
 import numpy as np
 
-from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
-from robot_energy.results.base import Number, Result, Texts
-from robot_energy_identify.auxiliary import LoadsFit
+from robot_energy.results.base import Result, Texts
 from robot_energy_identify.data.bags import BagFacts
 from robot_energy_identify.friction.laws import MIN_RANGE
-from robot_energy_identify.friction.temperature_study import Study
 from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_identify.run_all import FullIdentification
 from robot_energy_identify.stats.held_out_energy import HeldOutEnergy
 from robot_energy_identify.stats.lag import MeterDelay, MeterTimeConstant
 from robot_energy_identify.steps import Step
 from robot_energy_identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW
-
-
-class LoadStatesReport(Result, name="auxiliary"):
-    """Powers of the states of auxiliary loads."""
-
-    fits: Annotated[
-        tuple[LoadsFit, ...],
-        "One for each load with a meter, one for all behind that of the outlet.",
-    ]
-    refused: Annotated[Texts, "Why others could not be identified, one sentence each."]
-
-
-class AxisStudy(Result):
-    """Laws of one axis, tested on temperatures that their fits have not seen."""
-
-    name: Annotated[str, "Name of the axis."]
-    study: Annotated[Study, "The test."]
-    gain: Annotated[Number, "RMS, exponential law over constant; None without it. [-]"]
-    shuffles: Annotated[int, "How often the temperatures were shuffled between the runs."]
-    median_gain: Annotated[Number, "The same ratio then: its median. [-]"]
-    least_gain: Annotated[Number, "Its least value. [-]"]
-
-
-class FrictionStudyReport(Result, name="friction_study"):
-    """Friction at temperatures that were not seen."""
-
-    studies: Annotated[tuple[AxisStudy, ...], "One per axis."]
-
-
-def axis_study(name: str, study: Study, chance: Sequence[float]) -> AxisStudy:
-    """Return a test on unseen temperatures.
-
-    Args:
-        chance: Gain with temperatures shuffled between the runs, one per shuffle. [-]
-    """
-    known = (float(np.median(chance)), float(np.min(chance))) if chance else (None, None)
-    return AxisStudy(name, study, exponential_gain(study), len(chance), *known)
-
-
-def exponential_gain(study: Study) -> float | None:
-    """Return the RMS of the exponential law over that of the constant; None without such a law."""
-    try:
-        return study.row("exponential", "extend").rms / study.row("constant").rms
-    except NotIdentifiableError:
-        return None
 
 
 class IdentificationReport(Result, name="identification"):
