@@ -20,6 +20,7 @@ from robot_energy.accounting.registers import Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.sources import names_remedy
 from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -73,6 +74,10 @@ NO_STATES = "start the driver or set joint_states.topics"
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
+NOT_KNOWN = (
+    "the power of some joint states of the last second is not known: each is alone between two "
+    "gaps, or the power is beyond 1 MW"
+)
 APART = 5.0  # stamps that far from the clock are another clock's [s]
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
@@ -89,8 +94,19 @@ def joint_state_source(
         timeout: Gives the silence beyond which they count as missing. [s]
     """
     accounts = [ingest.rejections, *(RejectionLog() for _ in inboxes[1:])]
+
+    def names() -> str:
+        return names_remedy(tuple(ingest.ages), ingest.ignored_joints)
+
     watches = [
-        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES)
+        InputWatch(
+            "joint state",
+            inbox,
+            account,
+            timeout,
+            remedy=NO_STATES,
+            unknown_joint=lambda: names() if ingest.samples else "",
+        )
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
@@ -99,11 +115,9 @@ def joint_state_source(
         found = StatusBuilder("joint states")
         missing = ", ".join(sorted(ingest.missing_joints))
         if missing and not ingest.samples:
-            found.add(
-                ERROR,
-                f"the joint names of {topics} lack {missing}",
-                "take the model of this robot or set joint_states.joint_names",
-            )
+            met = ", ".join(sorted(ingest.ignored_joints))
+            they = f"; they are {met}" if met else ""
+            found.add(ERROR, f"the joint names of {topics} lack {missing}{they}", names())
         for finding in ingest.findings(RECENT):
             found.add(ERROR if finding.severe else WARN, finding.sentence)
         for doubt in stage.effort_check.doubts():
@@ -328,9 +342,10 @@ def energy_source(
         for name, inbox in zip(names, meter, strict=False)
     ]
 
-    watch_of_time = TimeWatch()
+    watch_of_time, unknown_before = TimeWatch(), account.counts.quality[Quality.NOT_FINITE]
 
     def findings() -> StatusBuilder:
+        nonlocal unknown_before
         found = StatusBuilder("energy")
         for check in inputs:
             check(found)
@@ -364,8 +379,10 @@ def energy_source(
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
         }
-        if infinite := account.counts.quality[Quality.NOT_FINITE]:
-            found.add(WARN, f"the power of {infinite} samples is not finite")
+        unknown = account.counts.quality[Quality.NOT_FINITE]
+        if unknown > unknown_before:
+            found.add(WARN, NOT_KNOWN)
+        unknown_before = unknown
         for sentence in account.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found
