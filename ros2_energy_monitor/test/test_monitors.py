@@ -27,7 +27,7 @@ from ros2_energy_msgs.msg import (
 from sensor_msgs.msg import JointState, Temperature
 
 import robot_energy
-from robot_energy.foundation.errors import ModelFileError
+from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.timeline.blocks import Quality
 from ros2_energy_monitor.base.parameters import parameter_lines
 from ros2_energy_monitor.base.publishers import latched
@@ -81,6 +81,18 @@ def test_a_missing_friction_monitor_is_said(bench):
         return sentence[:30] not in diagnosed["power_monitor: energy"].message
 
     bench.spin_until(arrived, "friction of before any temperature")
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [
+        ("joint_states", "topic '/joint_states' cannot be read as MotorTemperatures; expected a"),
+        ("motors of the arm", "'motors of the arm' cannot be the name of a topic; expected le"),
+    ],
+)
+def test_a_topic_that_cannot_be_subscribed_is_named(bench, topic, words):
+    with pytest.raises(ParameterError, match=words):
+        bench.add(EnergyMonitor, model="kr16", state_folder="", **{"motors.topic": topic})
 
 
 def test_friction_of_another_model_or_of_a_node_that_has_ended_is_said(bench, tmp_path):

@@ -15,14 +15,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rosgraph_msgs.msg import Clock
 
-from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.errors import ParameterError, RobotEnergyError
 from robot_energy.timeline.stamps import is_valid_time
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.guard import Guard
 
+RCLError = rclpy_implementation.RCLError
 DONE, REFUSED, BROKEN = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,
@@ -136,11 +138,34 @@ class ManagedNode(LifecycleNode, ABC):
         """Create a subscription whose callback no exception leaves.
 
         Arguments and result as in `rclpy.node.Node.create_subscription`.
+
+        Raises:
+            ParameterError: If another subscription of this process reads the topic as another type.
         """
         if kind is Clock:
             callback = self._stamped(callback)
         guarded = self.guard.callback(f"topic.{topic}", callback)
-        return super().create_subscription(kind, topic, guarded, *args, **options)
+        try:
+            return super().create_subscription(kind, topic, guarded, *args, **options)
+        except RCLError as error:
+            raise ParameterError(
+                f"topic '{topic}' cannot be read as {kind.__name__}",
+                "a topic that no other input of this node reads as another type",
+            ) from error
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Return the full name of a topic; as in `rclpy.node.Node.resolve_topic_name`.
+
+        Raises:
+            ParameterError: If no topic can have that name.
+        """
+        try:
+            return super().resolve_topic_name(topic, only_expand=only_expand)
+        except RCLError as error:
+            raise ParameterError(
+                f"'{topic}' cannot be the name of a topic",
+                "letters, digits, _ and /, such as arm/joint_states",
+            ) from error
 
     def _stamped(self, take: Callable[[Clock], None]) -> Callable[[Clock], None]:
         """Leave out times that no output could carry; rclpy raises for some of them."""
