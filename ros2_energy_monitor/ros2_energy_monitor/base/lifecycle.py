@@ -23,7 +23,9 @@ from robot_energy.foundation.errors import ParameterError, RobotEnergyError
 from robot_energy.timeline.stamps import is_valid_time
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.publishers import reliable
 
+REQUESTS = 100  # of a service that can wait; the 10 of ROS are lost in silence
 RCLError = rclpy_implementation.RCLError
 DONE, REFUSED, BROKEN = (
     TransitionCallbackReturn.SUCCESS,
@@ -130,6 +132,7 @@ class ManagedNode(LifecycleNode, ABC):
     ) -> Any:
         """Create a service that answers in any case; as in `rclpy.node.Node.create_service`."""
         guarded = self.guard.callback(f"service.{name.rpartition('/')[2]}", callback)
+        options.setdefault("qos_profile", reliable(REQUESTS))
         return super().create_service(kind, name, guarded, *args, **options)
 
     def create_subscription(
