@@ -147,6 +147,20 @@ def test_names_with_a_prefix_are_said_with_the_line_that_fits(bench, messages, b
     diagnosed.wait(name, f"set joint_states.joint_names to [{names}]: ")
 
 
+def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
+    bench.add(EnergyMonitor, model="kr16", state_folder="")
+    diagnosed = bench.diagnosed()
+    states = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:50]:
+        states.publish(message)
+    diagnosed.wait_anew("energy_monitor: joint states", "no joint state for")
+    states.publish(joint_state(0))
+    bench.publisher(PowerReading, "power_meter").publish(PowerReading())
+    for name, group in (("joint states", "joint_states"), ("energy", "meter")):
+        setting = f"let the driver set the stamp, or set {group}.stamp_source to receive: all 1 mes"
+        diagnosed.wait(f"energy_monitor: {name}", setting)
+
+
 def test_a_remark_is_logged_once(bench, capfd):
     bench.add(TorqueMonitor, model="kr16")
     diagnosed = bench.diagnosed()

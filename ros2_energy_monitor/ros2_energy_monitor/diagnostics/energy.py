@@ -71,6 +71,7 @@ class TimeWatch:
 
 
 NO_STATES = "start the driver or set joint_states.topics"
+NO_STAMP = "let the driver set the stamp, or set {}.stamp_source to receive"
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
@@ -98,15 +99,12 @@ def joint_state_source(
     def names() -> str:
         return names_remedy(tuple(ingest.ages), ingest.ignored_joints)
 
+    remedies = {  # before the first sample they are findings of their own
+        "unknown_joint": lambda: names() if ingest.samples else "",
+        "zero_stamp": lambda: NO_STAMP.format("joint_states") if ingest.samples else "",
+    }
     watches = [
-        InputWatch(
-            "joint state",
-            inbox,
-            account,
-            timeout,
-            remedy=NO_STATES,
-            unknown_joint=lambda: names() if ingest.samples else "",
-        )
+        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedies=remedies)
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
@@ -336,7 +334,12 @@ def energy_source(
         (
             name,
             InputWatch(
-                "meter reading", inbox, readings.rejections, lambda: meter_timeout, needed=False
+                "meter reading",
+                inbox,
+                readings.rejections,
+                lambda: meter_timeout,
+                needed=False,
+                remedies={"zero_stamp": lambda: NO_STAMP.format("meter")},
             ),
         )
         for name, inbox in zip(names, meter, strict=False)

@@ -42,7 +42,7 @@ class InputWatch:
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
         remedy: What to do about its absence.
-        unknown_joint: Gives what to do where all messages are rejected for the names of joints.
+        remedies: Give what to do where all messages are rejected, by the reason of most.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class InputWatch:
         timeout: Callable[[], float],
         needed: bool = True,
         remedy: str = "",
-        unknown_joint: Callable[[], str] = str,
+        remedies: Mapping[str, Callable[[], str]] | None = None,
     ) -> None:
         self._what, self._inbox, self._rejections = what, inbox, rejections
         self._remedy = remedy
-        self._remedies = {"unknown_joint": unknown_joint, "other_model": lambda: ONE_MODEL}
+        self._remedies = {"other_model": lambda: ONE_MODEL, **(remedies or {})}
         self._newest = (0, 0, "")  # messages of the newest second with any, how many rejected, why
         self._timeout, self._needed = timeout, needed
         self._before = _Counts()
