@@ -161,6 +161,52 @@ def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
         diagnosed.wait(f"energy_monitor: {name}", setting)
 
 
+READINGS = {"location": PowerReading.LOCATION_GRID, "meaning": PowerReading.MEANING_INSTANTANEOUS}
+OTHERS = {"location": PowerReading.LOCATION_DC_BUS, "meaning": PowerReading.MEANING_INSTANTANEOUS}
+
+
+@pytest.mark.parametrize(
+    ("readings", "remedy", "reason"),
+    [
+        (
+            [{"meaning": 1}],
+            "let the publisher set location to 1 (grid) or 2 (DC bus)",
+            "unknown_location",
+        ),
+        (
+            [{"location": 1}],
+            "let the publisher set meaning to 1, 2 or 3, as PowerReading says",
+            "unknown_meaning",
+        ),
+        (
+            [READINGS, OTHERS],
+            "where its meaning or place has changed, restart the monitor",
+            "changed_meaning",
+        ),
+    ],
+)
+def test_readings_that_are_all_rejected_are_said_with_what_to_do(bench, readings, remedy, reason):
+    bench.add(PowerMonitor, model="kr16", state_folder="")
+    diagnosed, name = bench.diagnosed(), "power_monitor: energy"
+    publisher = bench.publisher(PowerReading, "power_meter")
+    for second, fields in enumerate(readings, 1):
+        message = PowerReading(power=100.0, **fields)
+        message.header.stamp.sec = second
+        publisher.publish(message)
+        status = diagnosed.wait_anew(name, "no joint torque")
+    assert f"{remedy}: all 1 messages on /power_meter rejected" in status.message
+    assert f"most as {reason}" in status.message
+
+
+def test_temperatures_of_other_joints_are_said_with_the_setting(bench):
+    bench.add(FrictionMonitor, model="kr16")
+    message = temperatures(1)
+    message.joint_names = [f"axis_{number}" for number in range(6)]
+    bench.publisher(MotorTemperatures, "motor_temperatures").publish(message)
+    words = "set joints and names of the source: every message on /motor_temperatures is rejected"
+    bench.diagnosed().wait("friction_monitor: motor temperatures", words)
+
+
 def test_a_remark_is_logged_once(bench, capfd):
     bench.add(TorqueMonitor, model="kr16")
     diagnosed = bench.diagnosed()

@@ -72,6 +72,20 @@ class TimeWatch:
 
 NO_STATES = "start the driver or set joint_states.topics"
 NO_STAMP = "let the driver set the stamp, or set {}.stamp_source to receive"
+JOINT_STATE_REMEDIES = {"zero_stamp": NO_STAMP.format("joint_states")}
+METER_REMEDIES = {
+    "zero_stamp": NO_STAMP.format("meter"),
+    "unknown_location": "let the publisher set location to 1 (grid) or 2 (DC bus)",
+    "unknown_meaning": "let the publisher set meaning to 1, 2 or 3, as PowerReading says",
+    "changed_meaning": "let one meter publish; where its meaning or place has changed, restart the "
+    "monitor",
+}
+TEMPERATURE_REMEDIES = {
+    "zero_stamp": "let the driver set the stamp, or set stamp_source of the source to receive",
+    "unknown_joint": "set joints and names of the source",
+    "no_temperature": "set interface or keys of the source",
+    "before_names": "set names_topic of the source",
+}
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
@@ -99,12 +113,13 @@ def joint_state_source(
     def names() -> str:
         return names_remedy(tuple(ingest.ages), ingest.ignored_joints)
 
-    remedies = {  # before the first sample they are findings of their own
-        "unknown_joint": lambda: names() if ingest.samples else "",
-        "zero_stamp": lambda: NO_STAMP.format("joint_states") if ingest.samples else "",
-    }
+    def remedy_of(reason: str) -> str:
+        if not ingest.samples:  # a finding of its own
+            return ""
+        return names() if reason == "unknown_joint" else JOINT_STATE_REMEDIES.get(reason, "")
+
     watches = [
-        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedies=remedies)
+        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedy_of=remedy_of)
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
@@ -227,7 +242,11 @@ def temperature_source(
             found.remarks.append(sentence)
         elif unknown and ingest.rejections.rejected and not ingest.rejections.accepted:
             worst = ingest.rejections.rejected.most_common(1)[0][0]
-            found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
+            found.add(
+                WARN,
+                f"every message on {topics} is rejected as {worst}; {fallback}",
+                TEMPERATURE_REMEDIES.get(worst, ""),
+            )
         elif len(unknown) == len(names):
             have = ", which has no publisher" if absent == inboxes and len(inboxes) == 1 else ""
             remedy = NO_TEMPERATURE if absent else ""
@@ -339,7 +358,7 @@ def energy_source(
                 readings.rejections,
                 lambda: meter_timeout,
                 needed=False,
-                remedies={"zero_stamp": lambda: NO_STAMP.format("meter")},
+                remedy_of=lambda reason: METER_REMEDIES.get(reason, ""),
             ),
         )
         for name, inbox in zip(names, meter, strict=False)

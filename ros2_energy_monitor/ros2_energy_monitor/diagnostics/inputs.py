@@ -21,7 +21,7 @@ from ros2_energy_monitor.diagnostics.reporter import ERROR, STALE, WARN, Number,
 ALONE = "prediction only"  # what is left without the input
 ABSENT_REPORTS = 5  # one a second: discovery takes less, so an input absent so long is absent
 REJECTED_SHARE = 0.01  # more than this of the messages of one second is worth a warning
-ONE_MODEL = "give all monitors the same model file"
+BETWEEN_NODES = {"other_model": "give all monitors the same model file"}
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class InputWatch:
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
         remedy: What to do about its absence.
-        remedies: Give what to do where all messages are rejected, by the reason of most.
+        remedy_of: Gives what to do where all messages are rejected, for the reason of most.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class InputWatch:
         timeout: Callable[[], float],
         needed: bool = True,
         remedy: str = "",
-        remedies: Mapping[str, Callable[[], str]] | None = None,
+        remedy_of: Callable[[str], str] = lambda reason: BETWEEN_NODES.get(reason, ""),
     ) -> None:
         self._what, self._inbox, self._rejections = what, inbox, rejections
         self._remedy = remedy
-        self._remedies = {"other_model": lambda: ONE_MODEL, **(remedies or {})}
+        self._remedy_of = remedy_of
         self._newest = (0, 0, "")  # messages of the newest second with any, how many rejected, why
         self._timeout, self._needed = timeout, needed
         self._before = _Counts()
@@ -148,7 +148,7 @@ class InputWatch:
         found.add(
             ERROR if self._needed and whole else WARN,
             f"{share} messages on {self._inbox.topic} rejected {when}, most as {worst}",
-            self._remedies[worst]() if worst in self._remedies and whole else "",
+            self._remedy_of(worst) if whole else "",
         )
 
 
