@@ -13,7 +13,7 @@ from robot_energy_identify import run_all
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet import fan as fan_module
 from robot_energy_identify.cabinet.fan import Rests, fan_of, runs_at_begin, with_begin
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
@@ -188,7 +188,9 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     def reason(rms, energy, *at_rest):
         test = [(EnergyScore(rms, energy, energy), old)] if rms else []
         total = SimpleNamespace(fan_test=[*test, *at_rest])
-        return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
+        return fan_refused(
+            Step("drives", DrivesReport("", None, None, total, ()), "", load("kr16"))
+        )
 
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
@@ -218,7 +220,7 @@ def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkey
     monkeypatch.setattr(run_all, "read_all", lambda bags, model: [])
     monkeypatch.setattr(run_all, "fit_cabinet", lambda recordings: None)
     monkeypatch.setattr(run_all, "cabinet_step", cabinet_step)
-    again = Step("drives", DrivesFound(None, None), "", with_power(20.0))
+    again = Step("drives", DrivesReport("", None, None, None, ()), "", with_power(20.0))
     monkeypatch.setattr(run_all, "drives_step", lambda bags, model, source: again)
     cabinet = Step("cabinet", None, "", with_power(15.0))
     run_all.in_turns(cabinet, Step("drives", None, "", with_power(18.0)), [], model, "bags")
