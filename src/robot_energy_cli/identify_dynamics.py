@@ -32,7 +32,7 @@ from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
-    from robot_energy_identify.data.signals import Channels
+    from robot_energy_identify.data.observations import Channels
     from robot_energy_identify.dynamics.dynamics import DynamicsSettings
     from robot_energy_report.dynamics import ReferenceValues
 
@@ -76,7 +76,7 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.plausibility import check_dynamics
     from robot_energy_identify.provenance import hashed
     from robot_energy_identify.refused_recordings import cause_named, evidence_of_rows
-    from robot_energy_identify.results.dynamics import dynamics_report
+    from robot_energy_identify.results.identification import dynamics_report
 
     IdentifyInputs(args).check_results()
     IdentifyInputs(args).check_source(needs_effort=True)

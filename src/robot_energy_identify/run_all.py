@@ -37,11 +37,11 @@ from robot_energy_identify.cabinet.dc_link import Voltages
 from robot_energy_identify.cabinet.fan import FanFound, with_begin
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy_identify.data.recordings import spread
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.delays import meter_lags, with_response
 from robot_energy_identify.drives.drive_data import DriveData, drive_data
 from robot_energy_identify.provenance import identified_from
-from robot_energy_identify.stats.lag import Delay
+from robot_energy_identify.stats.lag import Delay, MeterDelay, MeterTimeConstant
 from robot_energy_identify.steps import (
     STEPS,
     SUBJECTS,
@@ -69,17 +69,11 @@ class FullIdentification(Described):
 
     given: Annotated[RobotModel, "The model that it began with."]
     steps: Annotated[tuple[Step, ...], "In the order in which they were done."]
-    meter_delay: Annotated[
-        Delay | None,
-        "Of the power meter behind the joint states; undone where it is sure. None where it "
-        "cannot be determined.",
-    ] = None
+    meter_delay: MeterDelay = None
     share_shape: Annotated[
         bool, "Whether axes of too small a range borrowed the temperature shape of others."
     ] = False
-    meter_time_constant: Annotated[Delay | None, "Of a low pass in the power meter; likewise."] = (
-        None
-    )
+    meter_time_constant: MeterTimeConstant = None
 
     @property
     def model(self) -> RobotModel:
@@ -143,7 +137,7 @@ def identify_everything(
             step = Step(subject, None, effort_refused, now)
         else:
             found = [part.found for part in steps if part.taken]
-            drives = next((one for one in found if isinstance(one, DrivesFound)), None)
+            drives = next((one for one in found if isinstance(one, DrivesReport)), None)
             make: dict[Subject, MadeStep] = {
                 **STEPS,
                 "friction": partial(friction_step, share=share_shape),

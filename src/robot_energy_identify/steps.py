@@ -30,7 +30,7 @@ from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, w
 from robot_energy_identify.cabinet.fan import FanFound, with_fan
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
-from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
+from robot_energy_identify.drives.all_drives import DrivesReport, TotalPower, find_drives
 from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.dynamics_model import SOURCE, to_model
@@ -41,8 +41,8 @@ from robot_energy_identify.friction.friction import (
 )
 from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.friction_and_thermal import (
-    FrictionFound,
-    ThermalFound,
+    FrictionReport,
+    ThermalReport,
     find_friction,
     find_thermal,
 )
@@ -54,7 +54,7 @@ from robot_energy_identify.plausibility import (
     check_total,
 )
 from robot_energy_identify.stats.cross_validation import GAIN
-from robot_energy_identify.thermal.windows import without_networks
+from robot_energy_identify.thermal.network import without_networks
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"]
 SUBJECTS: tuple[Subject, ...] = (
@@ -78,7 +78,7 @@ class DynamicsFound(Described):
         return self.result.held_out()
 
 
-Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit | ThermalFound
+Found = DynamicsFound | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
 
 
 class Step(Described):
@@ -209,11 +209,10 @@ def _over_temperature(axis: FrictionData) -> FrictionFit | None:
 
     None where the data do not determine it.
     """
-    untested = np.empty(0)
-    tried = [replace(axis.by_load(np.inf), load=untested)] if axis.load.any() else []
-    for data in (*tried, replace(axis, load=untested)):
+    loaded = [axis.by_load(np.inf)] if axis.rigid is not None and axis.rigid.any() else []
+    for tried in (*loaded, axis):
         with suppress(NotIdentifiableError):
-            return fit_laws(data)
+            return fit_laws(replace(tried, rigid=None))
     return None
 
 
@@ -299,14 +298,14 @@ def drives_step(
     if reason:
         return Step("drives", found, reason, model)
     if found.drives is None and found.total is not None:
-        check_total(found.total.data, found.total.scores)
+        check_total(found.total.data, found.total.ways)
     written, notes = found.write(model, source)
     return Step("drives", found, "", written, tuple(notes))
 
 
 def fan_refused(drives: Step) -> str:
     """Return why the fan that was taken off the readings is not taken; empty if it is."""
-    total = drives.found.total if isinstance(drives.found, DrivesFound) else None
+    total = drives.found.total if isinstance(drives.found, DrivesReport) else None
     if total is None or not total.fan_test:
         return "without losses of the drives it cannot be tested on held-out readings"
     new, old = total.fan_test[0]  # all readings, then those at rest
@@ -319,9 +318,9 @@ def fan_refused(drives: Step) -> str:
     )
 
 
-def _not_better(total: TotalFound) -> str:
+def _not_better(total: TotalPower) -> str:
     """Why losses from one meter are not taken; empty if they are better than the model's own."""
-    given, new = total.scores.get("given"), total.scores.get("identified")
+    given, new = total.ways.get("given"), total.ways.get("identified")
     if new is None:
         return "too few readings to test the losses on readings that they have not seen"
     if given is None or not np.isfinite(given.rms):
@@ -340,7 +339,7 @@ def capacitor_step(
     model: RobotModel,
     source: str,
     voltages: Voltages | None = None,
-    drives: DrivesFound | None = None,
+    drives: DrivesReport | None = None,
 ) -> Step:
     """Return what was found of the DC link's energy, after all that decides when it fills.
 

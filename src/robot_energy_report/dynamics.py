@@ -13,7 +13,7 @@ from robot_energy_identify.dynamics.dynamics import Dynamics
 from robot_energy_identify.dynamics.dynamics_model import friction_at_joints
 from robot_energy_identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
 from robot_energy_identify.dynamics.validation import TorqueError, temperature_remark
-from robot_energy_identify.results.dynamics import KINDS, DynamicsReport, ExcitationReport
+from robot_energy_identify.results.identification import KINDS, DynamicsReport, ExcitationReport
 from robot_energy_identify.stats.cross_validation import FOLDS
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (

@@ -22,15 +22,13 @@ from robot_energy_identify.bounds import not_identified
 from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.data.bags import VIRTUAL, BagFacts
+from robot_energy_identify.drives.all_drives import DrivesReport, TotalPower
 from robot_energy_identify.drives.drives import DrivesFit
-from robot_energy_identify.results.dynamics import DynamicsReport
+from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
 from robot_energy_identify.results.identification import (
-    DrivesReport,
-    FrictionReport,
+    DynamicsReport,
     IdentificationReport,
     StepReport,
-    ThermalReport,
-    TotalPower,
 )
 from robot_energy_identify.steps import DynamicsFound
 from robot_energy_report.document import Column, Document

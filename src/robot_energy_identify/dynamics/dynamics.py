@@ -21,8 +21,7 @@ from robot_energy.physics.counterbalance import AnySpring
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.blas_threads import one_thread
-from robot_energy_identify.data.observations import Filters, Observations, Rows, observe
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels, Filters, Observations, Rows, observe
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy_identify.dynamics.torque_model import (

@@ -22,8 +22,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.data.observations import Observations
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels, Observations
 from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.validation import TorqueError, torque_error
 

@@ -25,8 +25,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_identify.data.observations import ROWS_PER_RATE, Filters, Observations
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import ROWS_PER_RATE, Channels, Filters, Observations
 from robot_energy_identify.dynamics.base_parameters import BaseParameters
 from robot_energy_identify.dynamics.consistent import Prior
 from robot_energy_identify.stats import cross_validation

@@ -26,7 +26,7 @@ from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.supply import fit_supply
 from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of, read_all
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower, drive_topics
 from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.identification import identification_report
@@ -298,7 +298,7 @@ def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
     power = drive_topics("/drive_power").read(path, kr16.joint_names)
     bags = [Bag(path, TORQUE, None, power)]
     result = identify_everything(bags, kr16, ("dynamics", "friction", "capacitor"))
-    assert isinstance(result.step("drives").found, DrivesFound)
+    assert isinstance(result.step("drives").found, DrivesReport)
     assert result.model.cabinet.loss_dc.value == pytest.approx(90.0, abs=0.5)
     assert result.model.cabinet.loss_dc.tag == "identified"
 

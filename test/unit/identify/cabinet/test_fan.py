@@ -13,7 +13,7 @@ from robot_energy_identify import run_all
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet import fan as fan_module
 from robot_energy_identify.cabinet.fan import Rests, fan_of, runs_at_begin, with_begin
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
@@ -188,7 +188,9 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     def reason(rms, energy, *at_rest):
         test = [(EnergyScore(rms, energy, energy), old)] if rms else []
         total = SimpleNamespace(fan_test=[*test, *at_rest])
-        return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
+        return fan_refused(
+            Step("drives", DrivesReport("", None, None, total, ()), "", load("kr16"))
+        )
 
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
@@ -217,7 +219,7 @@ def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkey
     def drives_step(bags, model, source, seen):
         powers.append(seen.cabinet.fan.power.value)
         constants.append(seen.cabinet.loss_dc.value)
-        return Step("drives", DrivesFound(None, None), "", with_power(20.0))
+        return Step("drives", DrivesReport("", None, None, None, ()), "", with_power(20.0))
 
     def cabinet_step(model, fit, source):
         powers.append(model.cabinet.fan.power.value)

@@ -148,7 +148,7 @@ def test_readings_with_a_fan_that_may_run_or_not_do_not_count(data):
     one = sums(half, MODEL)
     assert not fan_known(one, fan_of(60.0, 3.0)).all()
     assert fan_known(one, fan_of(60.0, 3.0, source="levels of recordings: bags")).all()
-    few = one.rows(np.flatnonzero(one.fan == 30.0)[:15])
+    few = one[np.flatnonzero(one.fan == 30.0)[:15]]
     assert fan_known(few, fan_of(60.0, 3.0)).all()
 
 
@@ -158,7 +158,7 @@ def test_a_fan_that_is_small_next_to_the_errors_of_motion_is_seen_at_rest(data):
     rest = resting(one, MODEL)
     assert np.abs(one.shaft[rest]).max() < 10.0 < np.median(np.abs(one.shaft))
     more = np.sort(np.append(np.arange(len(one)), np.repeat(np.flatnonzero(rest), 20)))
-    one, rest, power = one.rows(more), rest[more], predict(one, fit_total(one))[more]
+    one, rest, power = one[more], rest[more], predict(one, fit_total(one))[more]
     fan = 12.0 * (one.block % 2)
     power = power + random.normal(0.0, np.where(rest, 3.0, 150.0))
     without = held_out_powers(replace(one, measured=power + fan), None)
@@ -183,7 +183,7 @@ def test_energies_are_compared_with_those_of_the_whole_reading(data):
 
 def test_blocks_that_the_fit_predicted_are_not_predicted_again(data):
     one = sums(data, MODEL)
-    one = one.rows(one.recording == 0)
+    one = one[one.recording == 0]
     fit = fit_total(one)
     kind, scores = compare_total(one, MODEL, fit)
     assert (kind, scores) == compare_total(one, MODEL)
