@@ -218,12 +218,13 @@ def in_turns(
         times += 1
         before = drives.model.cabinet
         try:
-            fit = fit_cabinet(read_all(bags, drives.model))
+            seen = _with_fan(drives.model, model.cabinet.fan)
+            fit = fit_cabinet(read_all(bags, seen))
             if isinstance(cabinet.found, CabinetFit):
                 known = cabinet.found
                 fit = fit.with_fan(FanFound(known.fan, known.fan_reason, known.fan_likely))
             again = cabinet_step(model, fit, source)
-            new = drives_step(bags, again.model, source)
+            new = drives_step(bags, again.model, source, seen)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:
             note = (
                 "cabinet and drives were not identified again, each with the result of the "
@@ -244,7 +245,7 @@ def in_turns(
     return cabinet, replace(drives, notes=(*drives.notes, note))
 
 
-def _with_fan(model: RobotModel, fan: CabinetFan) -> RobotModel:
+def _with_fan(model: RobotModel, fan: CabinetFan | None) -> RobotModel:
     return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
 
 

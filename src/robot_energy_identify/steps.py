@@ -257,12 +257,18 @@ def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
     return Step("cabinet", fit, "", with_cabinet(model, fit, source))
 
 
-def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+def drives_step(
+    bags: Sequence[Bag], model: RobotModel, source: str, seen: RobotModel | None = None
+) -> Step:
     """Return the losses of the drives.
 
     Each drive by measured torque; one meter for all by that of the model, which is what runs.
+
+    Args:
+        seen: Model whose drives and cabinet say which readings the DC link feeds; None for
+            ``model``.
     """
-    recordings, powers = powers_of(bags, model)
+    recordings, powers = powers_of(bags, model if seen is None else seen)
     measured = any(power is not None for power in powers) and all(
         bag.effort in (EffortMeaning.MOTOR_TORQUE, EffortMeaning.MOTOR_CURRENT)
         and np.isfinite(part.torque.motor_torque_measured).any()

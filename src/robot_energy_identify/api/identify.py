@@ -53,6 +53,7 @@ from robot_energy_identify.refused_recordings import (
     refuse_meter,
     refuse_motion,
     refuse_torque,
+    stepping_meters,
     torque_evidence,
 )
 from robot_energy_identify.results.identification import (
@@ -425,7 +426,9 @@ def identify_all(
             f"nothing can be identified from these recordings. {reasons}",
             remedy="record with torque or current, temperature, or a power meter",
         )
+    undone = [bag.with_meter_undone(whole.meter_time_constant, whole.meter_delay) for bag in fitted]
     notes += own_energies(fitted, whole)
+    notes += stepping_meters(bag.whole(whole.model) for bag in undone)
     energy = None
     if options.get("held_out", True):
         kind, folds = folds_of(fitted, tests, [span for _, span in known])
