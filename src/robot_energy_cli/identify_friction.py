@@ -54,7 +54,7 @@ def _span(text: str) -> Span:
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.friction.temperature_study import FrictionStudyReport, axis_study
-    from robot_energy_identify.friction_and_thermal import FrictionReport
+    from robot_energy_identify.friction_and_thermal import FrictionReport, plausible_fits
     from robot_energy_report.identification import friction_over_temperature
 
     given = IdentifyInputs(args)
@@ -73,16 +73,8 @@ def _run(args: Namespace) -> int:
         return 0
     model = None
     if args.log:
-        from robot_energy_identify.friction.friction import fit_axes
-        from robot_energy_identify.friction.shared_shape import share_shape
-        from robot_energy_identify.plausibility import check_friction
-
-        axes = _of_log(given)
-        fits, refused = fit_axes(axes)
-        if args.share_shape:
-            fits = share_shape(fits, axes)
-        fits, implausible = check_friction(fits)
-        report = FrictionReport("log", tuple(fits), (*refused, *implausible))
+        fits, refused = plausible_fits(_of_log(given), share=args.share_shape)
+        report = FrictionReport("log", tuple(fits), refused)
     else:
         from robot_energy_identify.api.identify import identify_friction
 
