@@ -196,6 +196,7 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
     if (result := recording.replay) is not None:
         problems += [one.sentence for one in result.joint_states.findings()]
         problems += [result.meter.refused, *remarks_of(result).meter]
+        problems.append(result.pipeline.friction.refused)
     return tuple(f"{recording.path.name}: {one}" for one in problems if one)
 
 

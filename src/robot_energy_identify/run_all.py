@@ -52,6 +52,7 @@ from robot_energy_identify.steps import (
     capacitor_step,
     constants_step,
     drives_step,
+    dynamics_step,
     fan_refused,
     friction_step,
 )
@@ -140,6 +141,7 @@ def identify_everything(
             drives = next((one for one in found if isinstance(one, DrivesReport)), None)
             make: dict[Subject, MadeStep] = {
                 **STEPS,
+                "dynamics": partial(dynamics_step, in_fold=not strict),
                 "friction": partial(friction_step, share=share_shape),
                 "capacitor": partial(capacitor_step, voltages=voltages, drives=drives),
             }
@@ -154,7 +156,7 @@ def identify_everything(
                     step = replace(step, model=now)
                 else:
                     step = _made(drives_step, subject, bags, now, source, strict)
-        steps.append(step if strict else step.without_rows())
+        steps.append(step)
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
             if isinstance(cabinet.found, CabinetFit) and cabinet.taken:
@@ -216,12 +218,13 @@ def in_turns(
         times += 1
         before = drives.model.cabinet
         try:
-            fit = fit_cabinet(read_all(bags, drives.model))
+            seen = _with_fan(drives.model, model.cabinet.fan)
+            fit = fit_cabinet(read_all(bags, seen))
             if isinstance(cabinet.found, CabinetFit):
                 known = cabinet.found
                 fit = fit.with_fan(FanFound(known.fan, known.fan_reason, known.fan_likely))
             again = cabinet_step(model, fit, source)
-            new = drives_step(bags, again.model, source)
+            new = drives_step(bags, again.model, source, seen)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:
             note = (
                 "cabinet and drives were not identified again, each with the result of the "
@@ -242,7 +245,7 @@ def in_turns(
     return cabinet, replace(drives, notes=(*drives.notes, note))
 
 
-def _with_fan(model: RobotModel, fan: CabinetFan) -> RobotModel:
+def _with_fan(model: RobotModel, fan: CabinetFan | None) -> RobotModel:
     return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
 
 

@@ -215,6 +215,7 @@ def replay(
         torn &= used.missing + used.stale > MAX_STRAY * used.samples
         (result.problems if torn else result.notes).extend(clocks)
         result.notes += result.temperatures.doubts
+        result.notes += [refused] if (refused := pipeline.friction.refused) else []
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
         result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)

@@ -39,7 +39,7 @@ def by_second(compared: Compared) -> Compared:
 
 
 def step_of(compared: Compared, start_ns: int) -> Finding | None:
-    """Return the greatest step of the readings; None where they do not step.
+    """Return the surest step of the readings; None where they do not step.
 
     Args:
         compared: What meter and prediction gave, in the order of time.
@@ -59,10 +59,10 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
         for row in range(width, len(second) - width + 1)
     ]
     found = [
-        (abs(step), step, row)
+        (sure, step, row)
         for row, rows in around
-        for step in _steps(measured[rows], predicted[rows])
-        if abs(step) > least
+        for sure, step in _steps(measured[rows], predicted[rows])
+        if abs(step) > least and sure > MIN_DEVIATIONS
     ]
     if not found:
         return None
@@ -78,8 +78,8 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
     )  # fmt: skip
 
 
-def _steps(measured: Float, predicted: Float) -> list[float]:
-    """Steps in the middle that are sure, as of another load and of another scale. [W]"""
+def _steps(measured: Float, predicted: Float) -> list[tuple[float, float]]:
+    """Deviations and size of a step in the middle, as of another load and of a scale. [-], [W]"""
     behind = np.arange(len(measured)) >= len(measured) // 2
     power = predicted - predicted.mean()
     square = float(power @ power)
@@ -88,7 +88,7 @@ def _steps(measured: Float, predicted: Float) -> list[float]:
         values = values - values.mean()
         return values - power * (float(power @ values) / square) if square > 0.0 else values
 
-    found: list[float] = []
+    found: list[tuple[float, float]] = []
     for column in (behind.astype(np.float64), behind * predicted):
         rest, target = left(column), left(measured)
         size = float(rest @ rest)
@@ -97,6 +97,6 @@ def _steps(measured: Float, predicted: Float) -> list[float]:
         slope = float(rest @ target) / size
         error = target - slope * rest
         std = np.sqrt(float(error @ error) / (len(measured) - 3) / size)
-        if abs(slope) > MIN_DEVIATIONS * std:
-            found.append(slope * float(column[behind].mean()))
+        sure = abs(slope) / std if std > 0.0 else np.inf
+        found.append((sure, slope * float(column[behind].mean())))
     return found

@@ -266,7 +266,7 @@ class PowerChain:
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            fan = FanStage(self.model.cabinet)
+            fan = FanStage(self.model.cabinet, assumed=True)
             stage = CabinetStage(self.model.cabinet)
             balance = stage.step(stamp, place, electrical.sum(axis=1), fan.step(winding))
             returned = self.model.cabinet.regeneration_efficiency

@@ -11,6 +11,7 @@ from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
+from robot_energy_identify.data.bags import Bag
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.drives.all_drives import fan_known, fan_test, find_drives
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
@@ -24,6 +25,7 @@ from robot_energy_identify.drives.total_power import (
     with_total,
 )
 from robot_energy_identify.drives.total_sums import resting, sums
+from robot_energy_identify.steps import drives_step
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
 from robot_energy_rig.record import record
@@ -57,6 +59,20 @@ def test_energy_held_in_the_dc_link_by_hand():
     segment = np.repeat([0, 1], [9, 1])
     expected = [0.0, 100.0, 200.0, 150.0, 100.0, 50.0, 0.0, 0.0, 60.0, 0.0]
     np.testing.assert_allclose(held_energy(demand, stamp, segment), expected)
+
+
+def test_drives_found_before_say_which_rests_the_dc_link_feeds(tmp_path):
+    """Where nothing is drawn at rest, all that was fed back is held until the next motion."""
+    program = random_program(PROFILE.motion_limits(PROFILE.mechanics()[0]), 1, dwell=2.0)
+    rig = VirtualRig(PROFILE, program, RigConfig(), 1, 40.0, rate_hz=50.0)
+    bags = [Bag(record(rig, 90.0, tmp_path / "bag").path, EffortMeaning.MOTOR_TORQUE)]
+    none = MODEL.cabinet.loss_dc.model_copy(update={"value": 0.0})
+    model = MODEL.changed(cabinet=MODEL.cabinet.model_copy(update={"loss_dc": none}))
+    without, known = (drives_step(bags, model, "bags", seen).found.total for seen in (None, MODEL))
+    rests = [resting(one.data, model).mean() for one in (without, known)]
+    assert rests[0] < 0.05 < 0.3 < rests[1]
+    true = PROFILE.supply.loss_dc + PROFILE.supply.loss_grid
+    assert true < known.fit.constant < true + 25.0
 
 
 def test_readings_while_the_dc_link_gives_are_left_out(data):
