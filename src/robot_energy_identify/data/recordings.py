@@ -47,7 +47,7 @@ from robot_energy.timeline.blocks import (
     TorqueBlock,
 )
 from robot_energy.timeline.pieces import Compared
-from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.data.observations import Channels, stretches
 from robot_energy_identify.data.thinned import MOST, Thinned, without_deviation
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
