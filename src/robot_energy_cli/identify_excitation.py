@@ -86,7 +86,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
     from robot_energy_identify.excitation.limits import ExcitationLimits
-    from robot_energy_identify.results.dynamics import excitation_report
+    from robot_energy_identify.results.identification import excitation_report
     from robot_energy_plan.motion.joint_trajectory import (
         check_sampling,
         points,

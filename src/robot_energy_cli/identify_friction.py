@@ -56,7 +56,8 @@ def _span(text: str) -> Span:
 
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
-    from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
+    from robot_energy_identify.friction_and_thermal import FrictionReport
+    from robot_energy_identify.results.identification import FrictionStudyReport
     from robot_energy_report.identification import friction_over_temperature
 
     given = IdentifyInputs(args)

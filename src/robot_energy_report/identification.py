@@ -13,18 +13,14 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
+from robot_energy_identify.cabinet.supply import CabinetReport
 from robot_energy_identify.cabinet.thermometers import REST_FIRST
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import fitted_laws
 from robot_energy_identify.friction.torque_constants import FallingConstant
-from robot_energy_identify.results.identification import (
-    CabinetReport,
-    FrictionReport,
-    FrictionStudyReport,
-    LoadStatesReport,
-    ThermalReport,
-)
+from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
+from robot_energy_identify.results.identification import FrictionStudyReport, LoadStatesReport
 from robot_energy_identify.stats.lag import Delay
 from robot_energy_identify.thermal.gear import GearsFound
 from robot_energy_identify.thermal.network import ThermalFit

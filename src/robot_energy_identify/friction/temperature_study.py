@@ -73,8 +73,8 @@ def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
     """Return the errors of every law, fitted at some temperatures and tested at others."""
     moving = moving_samples(data)
     degc = moving.motor_temperature_degc
-    fitted = moving.rows((degc >= train.low) & (degc <= train.high))
-    unseen = moving.rows((degc >= test.low) & (degc <= test.high))
+    fitted = moving[(degc >= train.low) & (degc <= train.high)]
+    unseen = moving[(degc >= test.low) & (degc <= test.high)]
     for part, span in ((fitted, train), (unseen, test)):
         if len(part) < 100:
             raise NotIdentifiableError(

@@ -82,6 +82,11 @@ class Moves(ABC):
             time: Since the start of the move, shape (N,). [s]
         """
 
+    def instants(self, candidates: Candidates, place: int) -> Float:
+        """Return when one candidate has the points of a trajectory, from 0 on, shape (K,). [s]"""
+        length = float(self.duration(candidates)[place])
+        return np.linspace(0.0, length, max(2, int(np.ceil(length / STEP)) + 1))
+
 
 class PtpMoves(Moves):
     """Synchronised point-to-point moves.

@@ -15,8 +15,7 @@ from places import LIBRARY, ROOT
 from robot_energy_cli.main import main
 from robot_energy_papers.wall import Wall
 from robot_energy_report.document import Document
-from robot_energy_report.layout import fitted_table
-from robot_energy_report.printing import print_document
+from robot_energy_report.printing import fitted_table, print_document
 from terminal_tables import WIDTHS, lost, recorded_tables
 
 BAG = str(ROOT / "bags/kr16_cold")

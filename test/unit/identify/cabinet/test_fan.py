@@ -17,7 +17,7 @@ from robot_energy_identify.api.identify import identify_all, identify_cabinet, i
 from robot_energy_identify.cabinet import fan as fan_module
 from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.fan import FanFit, Rests, fan_of, runs_at_begin, with_begin
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
@@ -198,7 +198,9 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     def reason(rms, energy, *at_rest):
         test = [(EnergyScore(rms, energy, energy), old)] if rms else []
         total = SimpleNamespace(fan_test=[*test, *at_rest])
-        return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
+        return fan_refused(
+            Step("drives", DrivesReport("", None, None, total, ()), "", load("kr16"))
+        )
 
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
@@ -213,13 +215,21 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
 
 
 def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkeypatch):
-    """Drives fit its power to all readings; from turn to turn it would leave the step."""
-    model, powers = load("ur10e"), []
+    """Drives fit its power to all readings; from turn to turn it would leave the step.
+
+    Which readings show the drives is seen with this fan and the constants of the turn before.
+    """
+    model, powers, constants = load("ur10e"), [], []
 
     def with_power(watts):
         power = FAN.power.model_copy(update={"value": watts})
-        fan = FAN.model_copy(update={"power": power})
-        return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+        update = {"fan": FAN.model_copy(update={"power": power}), "loss_dc": power}
+        return model.changed(cabinet=model.cabinet.model_copy(update=update))
+
+    def drives_step(bags, model, source, seen):
+        powers.append(seen.cabinet.fan.power.value)
+        constants.append(seen.cabinet.loss_dc.value)
+        return Step("drives", DrivesReport("", None, None, None, ()), "", with_power(20.0))
 
     def cabinet_step(model, fit, source):
         powers.append(model.cabinet.fan.power.value)
@@ -228,11 +238,11 @@ def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkey
     monkeypatch.setattr(run_all, "read_all", lambda bags, model: [])
     monkeypatch.setattr(run_all, "fit_cabinet", lambda recordings: None)
     monkeypatch.setattr(run_all, "cabinet_step", cabinet_step)
-    again = Step("drives", DrivesFound(None, None), "", with_power(20.0))
-    monkeypatch.setattr(run_all, "drives_step", lambda bags, model, source: again)
+    monkeypatch.setattr(run_all, "drives_step", drives_step)
     cabinet = Step("cabinet", None, "", with_power(15.0))
     run_all.in_turns(cabinet, Step("drives", None, "", with_power(18.0)), [], model, "bags")
     assert set(powers) == {15.0}
+    assert constants[:2] == [18.0, 20.0]
 
 
 def rig(*without, start=20.0, on=23.0, capacity=1.0):

@@ -8,8 +8,7 @@ import pytest
 import robots
 from excited import fourier_motion, monitor_torque, recorded
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy_identify.data.observations import Filters, observe
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels, Filters, observe
 from robot_energy_identify.dynamics.consistent import Prior
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.leave_one_out import across_recordings, motor_work, share_off

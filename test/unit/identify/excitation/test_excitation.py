@@ -11,7 +11,7 @@ import robots
 from robot_energy.foundation.errors import MotionError, RobotDescriptionError
 from robot_energy.model import load
 from robot_energy.physics.rigid_body import Robot
-from robot_energy_identify.data.signals import stretches
+from robot_energy_identify.data.observations import stretches
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.torque_model import standard_columns
 from robot_energy_identify.excitation.excitation import (
