@@ -115,6 +115,16 @@ def test_a_monitor_its_jobs_and_its_registers(bench: Any, tmp_path: Any) -> None
     assert jobs() == [("part 7",)]
 
 
+def test_robots_are_missed_once_they_were_looked_for(bench: Any, tmp_path: Any) -> None:
+    """They are found up to 20 s after the start, and their registers taken 20 s later."""
+    diagnosed, name = bench.diagnosed(), "energy_recorder: history"
+    patient = bench.add(EnergyRecorder, folder=str(tmp_path / "a"), min_free=0)
+    assert diagnosed.wait(name, "looks for robots").level == DiagnosticStatus.OK
+    bench.remove(patient)
+    bench.add(EnergyRecorder, folder=str(tmp_path / "b"), **QUICK)
+    diagnosed.wait(name, "start a monitor: no energy/registers is published")
+
+
 def test_robots_are_found_by_their_namespaces(bench: Any, publish: Any, tmp_path: Any) -> None:
     recorder = bench.add(EnergyRecorder, folder=str(tmp_path), **QUICK)
     topics = ("/left/energy/registers", "/right/energy/registers", "/energy/registers")

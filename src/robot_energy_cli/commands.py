@@ -38,8 +38,8 @@ IDENTIFY = Group(
     "identify",
     "a model of your robot from recordings",
     "Identify a model from recordings; held-out figures say how good it is.",
-    "what",
-    "WHAT",
+    "steps",
+    "STEP",
     lambda: (
         identify_all.COMMAND, identify_excitation.COMMAND, identify_friction.COMMAND,
         identify_dynamics.COMMAND, identify_metered.CABINET, identify_drives.COMMAND,
@@ -50,8 +50,8 @@ FLEET = Group(
     "fleet",
     "many bags of many robots: replay them, report, identify",
     "Many bags of many robots: replay them into a dataset, report, identify.",
-    "what",
-    "WHAT",
+    "actions",
+    "ACTION",
     lambda: (fleet_run.COMMAND, fleet_report.COMMAND, fleet_identify.COMMAND),
 )
 COMMANDS: tuple[Command | Group, ...] = (

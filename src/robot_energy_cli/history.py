@@ -277,8 +277,8 @@ COMMAND = Group(
     "history",
     "energy over years, as energy_recorder writes it",
     "Energy over years, as energy_recorder writes it.",
-    "what",
-    "WHAT",
+    "actions",
+    "ACTION",
     lambda: (
         Command("export",
                 "export it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",

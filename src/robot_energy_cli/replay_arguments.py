@@ -32,7 +32,12 @@ def model_named(args: Namespace) -> str:
     if args.robot is not None:
         return ROBOTS[args.robot].model_or(args.model)
     if args.model is None:
-        raise ModelFileError("neither --model nor --robot is given", "one of them")
+        raise ModelFileError(
+            "neither --model nor --robot is given",
+            "one of them",
+            "`robot-energy models` lists the shipped models, `robot-energy model init` begins "
+            "one from a URDF",
+        )
     return args.model
 
 

@@ -27,10 +27,10 @@ from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRu
 from robot_energy_identify.cabinet.supply import CabinetReport
 from robot_energy_identify.check.finding import CheckReport
 from robot_energy_identify.drives.all_drives import DrivesReport
+from robot_energy_identify.dynamics.dynamics import DynamicsReport
 from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
 from robot_energy_identify.results.evaluation import EvaluationReport
 from robot_energy_identify.results.identification import (
-    DynamicsReport,
     ExcitationReport,
     FrictionStudyReport,
     IdentificationReport,

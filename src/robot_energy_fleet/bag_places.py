@@ -11,7 +11,7 @@ import json
 import os
 import stat
 from collections.abc import Iterator, Mapping
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, cast
 
 from fsspec.core import url_to_fs  # type: ignore[import-untyped]
@@ -66,8 +66,11 @@ def unusable(address: str, problem: Exception) -> BagPlace:
 
 def no_bag(where: str) -> DatasetError:
     """Return the error of a place without bags."""
+    gone = "://" not in where and not glob.has_magic(where) and not Path(where).exists()
     return DatasetError(
-        f"{shown(where)} holds no bag", "MCAP files or folders of rosbag2", "check the path"
+        f"{shown(where)} {'does not exist' if gone else 'holds no bag'}",
+        "MCAP files or folders of rosbag2",
+        "check the path",
     )
 
 

@@ -246,7 +246,9 @@ def scan(folder: str | Path) -> pl.LazyFrame:
     files = Dataset(folder).files()
     if not files:
         raise DatasetError(
-            f"{folder} holds no row", "a dataset of `robot-energy fleet run`", "run it first"
+            f"{folder} {'holds no row' if Path(folder).exists() else 'does not exist'}",
+            "a dataset of `robot-energy fleet run`",
+            "run it first",
         )
     content = pl.coalesce("bag_hash", "key").alias(CONTENT)
     return (

@@ -36,6 +36,7 @@ from robot_energy_identify.thermal.network import (
 
 APART = 0.1  # of the friction power of an axis: sound recordings of one plant are off by 0.05
 MIN_AXES = 2  # that are so far off: one alone may be of another form than its law
+LACKING = 0.1  # of the samples of a recording without a temperature, worth a sentence
 MIN_RECORDINGS = 3  # before one may be left out: two sound ones are both off, by up to 0.4
 
 
@@ -158,15 +159,15 @@ def recordings_apart(
 
 def recordings_without_temperature(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return the recordings that lack a temperature that others have, one sentence each."""
-    read = np.array(
-        [np.isfinite(part.power.motor_temperature_degc).any(axis=0) for part in recordings]
-    )
-    lacking = ~read & read.any(axis=0)
+    known = [np.isfinite(part.power.motor_temperature_degc) for part in recordings]
+    lacking = 1.0 - np.array([rows.mean(axis=0) for rows in known])
+    lacking[:, (lacking == 1.0).all(axis=0)] = 0.0
     return tuple(
-        f"{part.path.name}: no motor temperature of {', '.join(joints)}, whose friction is found "
-        "without this recording; check these sensors, or name their topic with --inputs"
+        f"{part.path.name}: no motor temperature of {', '.join(joints)} in {100.0 * row.max():.0f} "
+        "% of its samples, which friction and drives leave out; check these sensors, or name their "
+        "topic with --inputs"
         for part, row in zip(recordings, lacking, strict=True)
-        if (joints := [part.model.joint_names[k] for k in np.flatnonzero(row).tolist()])
+        if (joints := [part.model.joint_names[k] for k in np.flatnonzero(row > LACKING).tolist()])
     )
 
 

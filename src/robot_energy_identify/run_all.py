@@ -52,6 +52,7 @@ from robot_energy_identify.steps import (
     capacitor_step,
     constants_step,
     drives_step,
+    dynamics_step,
     fan_refused,
     friction_step,
 )
@@ -140,6 +141,7 @@ def identify_everything(
             drives = next((one for one in found if isinstance(one, DrivesReport)), None)
             make: dict[Subject, MadeStep] = {
                 **STEPS,
+                "dynamics": partial(dynamics_step, in_fold=not strict),
                 "friction": partial(friction_step, share=share_shape),
                 "capacitor": partial(capacitor_step, voltages=voltages, drives=drives),
             }
@@ -154,7 +156,7 @@ def identify_everything(
                     step = replace(step, model=now)
                 else:
                     step = _made(drives_step, subject, bags, now, source, strict)
-        steps.append(step if strict else step.without_rows())
+        steps.append(step)
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
             if isinstance(cabinet.found, CabinetFit) and cabinet.taken:

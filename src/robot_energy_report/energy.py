@@ -183,7 +183,7 @@ class EnergySections:
                 f"{found.tool_path:.3g} m",
             )
         texts += [
-            f"{energy_text(one.energy)} for each of {one.count} {one.name}"
+            f"{energy_text(one.energy)} for each {one.name} (mean of {one.count})"
             for one in found.parts
             if one.count > 1
         ]

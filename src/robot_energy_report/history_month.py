@@ -154,13 +154,16 @@ def _robots(page: Document, answer: Figures) -> None:
 
 def _losses(page: Document, answer: Figures) -> None:
     page.heading("Where the energy goes")
-    sums = {one["name"]: sum(v for v in one["values"] if v is not None) for one in answer["series"]}
-    net = sum(sums.values())
+    sums = {  # None: no model has this part
+        one["name"]: sum(v for v in one["values"] if v is not None) or None
+        for one in answer["series"]
+    }
+    net = sum(value or 0.0 for value in sums.values())
     page.table(
         "",
         ("part", "kWh", "share", "meaning"),
         [
-            (PARTS[name], _kwh(value), percent(value / net if net else None), MEANINGS[name])
+            (PARTS[name], _kwh(value), percent(value and net and value / net), MEANINGS[name])
             for name, value in sums.items()
         ],
         ("net from the grid", _kwh(net), percent(1.0 if net else None), "less what was fed back"),

@@ -129,9 +129,8 @@ def summary_section(page: Document, report: ReplayReport) -> None:
             rows,
         )
         page.paragraph(
-            "States with the drives off (standby, off) have no joint states and are not part of "
-            "this recording."
-            + ("" if report.jobs else " No cycle is defined: name them with `--jobs`.")
+            "While the drives are off there are no joint states, so that time is not part of this "
+            "recording." + ("" if report.jobs else " No cycle is defined: name them with `--jobs`.")
         )
 
 

@@ -151,7 +151,13 @@ def _energy(page: Document, report: ReplayReport, _: ReplayCurves | None) -> Non
     energy, power, other = report.energy, report.power, report.compared_with
     scale = scale_of([energy])
     loads = flow_labels(report.auxiliary)
-    add_flow(page, [report], "Where the energy from the grid went, as predicted.", loads)
+    add_flow(
+        page,
+        [report],
+        "Where the energy from the grid went, as predicted. Into a joint flows what the "
+        "DC bus gives, and what its bodies give back.",
+        loads,
+    )
     second = None
     if other is not None:
         second = str(other.model.change), other.energy

@@ -60,6 +60,21 @@ def test_the_page_needs_nothing_but_its_server(opened, url):
     assert "kr16_cold" in opened.text("title")
 
 
+def test_energy_and_mean_power_are_of_the_same_time(window, recording, tmp_path):
+    """A live page that is saved has power states that the registers have not counted yet."""
+    state = recording[0].state()
+    state["robots"][0]["headline"]["energy"] = 3600.0
+    state["robots"][0]["registers"]["observed_time"] = 10.0
+    path = tmp_path / "page.html"
+    path.write_text(saved_page(state), encoding="utf-8")
+    window.open(path.as_uri())
+    window.wait(READY, "the figures")
+    assert window.text("energy") == "1.000 Wh"
+    assert window.text("power") == "360 W"
+    assert window.text("power-note") == "predicted, over 10.0 s"
+    assert "Wh" not in window.text("lines-note")
+
+
 @pytest.mark.parametrize("mode", ["energy_flow", "flow"])
 def test_the_flow_balances_as_it_is_drawn(opened, mode):
     opened.click(f"[data-flow={mode}]")

@@ -45,6 +45,11 @@ def test_the_report_draws_itself_without_fault(window, report, width, dark):
         "return document.querySelector('#terms table').getBoundingClientRect().width"
     )
     assert terms > 0.5 * min(width, 1000)  # a meaning is a line, not a column of single words
+    # What is read as text is not cut, also where the table below it is scrolled.
+    assert not window.run(
+        "return [...document.querySelectorAll('caption, td:only-of-type:not(.n)')].filter(one =>"
+        "one.getBoundingClientRect().right > innerWidth).map(one => one.textContent)"
+    )
     window.run("document.querySelectorAll('details').forEach(one => { one.open = true; })")
     assert window.faults() == []
 

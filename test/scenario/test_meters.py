@@ -15,10 +15,10 @@ from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.bag.cdr.types import extended, typestore
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.meter.source import BATTERY_STATE, FLOAT32, FLOAT64, MeterSource
-from robot_energy.inputs.sources import Inputs
+from robot_energy.inputs.sources import Inputs, TemperatureSource
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import Replay, replay
-from robot_energy.replay.setup import ReplaySetup
+from robot_energy.replay.setup import ReplaySetup, Topics
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import MeterBlock
 
@@ -249,5 +249,15 @@ def test_megawatts_are_refused_and_the_unit_is_asked_about(spoken):
 def test_a_meter_that_the_bag_lacks_is_noted():
     inputs = Inputs(meter=MeterSource(type=FLOAT64, topic="w", unit="W", **MEAN))
     result = replay(BAG, MODEL, ReplaySetup(inputs=inputs))
-    assert "the bag has no w: the meter is not read" in replay_report(result).notes
+    notes = replay_report(result).notes
+    assert "the bag has no w: the meter is not read" in notes
     assert replay_report(result).topics.meter is None
+    assert any(note.startswith("/power_meter is not read") for note in notes)
+    named = replay(BAG, MODEL, ReplaySetup(topics=Topics(meter="/power_meter"), inputs=inputs))
+    assert replay_report(named).topics.meter == "/power_meter"
+
+
+def test_temperatures_that_the_bag_has_under_another_name_are_noted():
+    inputs = Inputs(temperature_sources={"t": TemperatureSource(topic="t")})
+    notes = replay_report(replay(BAG, MODEL, ReplaySetup(inputs=inputs))).notes
+    assert any(note.startswith("/motor_temperatures is not read") for note in notes)

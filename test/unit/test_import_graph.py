@@ -35,7 +35,7 @@ MODULES = {
         friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline drift joint_friction learner meter_fit record thermal_observer
+        baseline drift fan_odds joint_friction learner meter_fit record thermal_observer
         thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
@@ -122,7 +122,7 @@ MODULES = {
         bag_source evaluate identify
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link fan levels link_readings phase_readings supply
+        cabinet dc_link fan levels link_readings phase_readings supply thermometers
     """,
     "robot_energy_identify.check": """
         evidence finding meter motion possible_causes process remedies run torque torque_fit

@@ -15,14 +15,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rosgraph_msgs.msg import Clock
 
-from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.errors import ParameterError, RobotEnergyError
 from robot_energy.timeline.stamps import is_valid_time
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.publishers import reliable
 
+REQUESTS = 100  # of a service that can wait; the 10 of ROS are lost in silence
+RCLError = rclpy_implementation.RCLError
 DONE, REFUSED, BROKEN = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,
@@ -128,6 +132,7 @@ class ManagedNode(LifecycleNode, ABC):
     ) -> Any:
         """Create a service that answers in any case; as in `rclpy.node.Node.create_service`."""
         guarded = self.guard.callback(f"service.{name.rpartition('/')[2]}", callback)
+        options.setdefault("qos_profile", reliable(REQUESTS))
         return super().create_service(kind, name, guarded, *args, **options)
 
     def create_subscription(
@@ -136,11 +141,34 @@ class ManagedNode(LifecycleNode, ABC):
         """Create a subscription whose callback no exception leaves.
 
         Arguments and result as in `rclpy.node.Node.create_subscription`.
+
+        Raises:
+            ParameterError: If another subscription of this process reads the topic as another type.
         """
         if kind is Clock:
             callback = self._stamped(callback)
         guarded = self.guard.callback(f"topic.{topic}", callback)
-        return super().create_subscription(kind, topic, guarded, *args, **options)
+        try:
+            return super().create_subscription(kind, topic, guarded, *args, **options)
+        except RCLError as error:
+            raise ParameterError(
+                f"topic '{topic}' cannot be read as {kind.__name__}",
+                "a topic that no other input of this node reads as another type",
+            ) from error
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Return the full name of a topic; as in `rclpy.node.Node.resolve_topic_name`.
+
+        Raises:
+            ParameterError: If no topic can have that name.
+        """
+        try:
+            return super().resolve_topic_name(topic, only_expand=only_expand)
+        except RCLError as error:
+            raise ParameterError(
+                f"'{topic}' cannot be the name of a topic",
+                "letters, digits, _ and /, such as arm/joint_states",
+            ) from error
 
     def _stamped(self, take: Callable[[Clock], None]) -> Callable[[Clock], None]:
         """Leave out times that no output could carry; rclpy raises for some of them."""

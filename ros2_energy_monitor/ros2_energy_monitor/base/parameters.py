@@ -135,7 +135,7 @@ def _missing(node: Node, entry: Parameter) -> ParameterError:
     return ParameterError(
         f"{node.get_name()} was started without its parameter '{entry.name}'",
         f"{entry.expected}: {entry.description.rstrip('.')}",
-        f"add it to the parameter file or start with -p {entry.name}:=...",
+        f"add it to the parameter file or start with --ros-args -p {entry.name}:=VALUE",
     )
 
 

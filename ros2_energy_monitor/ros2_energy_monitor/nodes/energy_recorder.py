@@ -112,6 +112,7 @@ class EnergyRecorder(ManagedNode):
         self._left_out = ""
         self._malformed = 0  # diagnostics
         self._said = ""
+        self._since = 0.0  # when it became active, steady time [s]
         self._begun = 0.0  # when the disk was given work last, steady time [s]
         self._writing: Future[Any] | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -149,6 +150,7 @@ class EnergyRecorder(ManagedNode):
             self._timers_of_work.append(self.create_timer(period, callback, clock=self._steady))
         for namespace in wanted.robots:
             self._add(namespace)
+        self._since = time.monotonic()
         self.look()
 
     def deactivate(self) -> None:
@@ -292,7 +294,9 @@ class EnergyRecorder(ManagedNode):
                 "name the robots to record (parameter robots)",
             )
         silent = [robot.name for robot in robots if not now - robot.heard < SILENCE]
-        if self.active and not robots:
+        if now - self._since < self.parameters.look_period + self.parameters.take_period:
+            found.notes.append("looks for robots")
+        elif self.active and not robots:
             found.add(WARN, "no energy/registers is published", "start a monitor")
         elif silent and len(silent) == len(robots):
             found.add(WARN, f"no energy/registers arrive from {', '.join(silent[:3])}")

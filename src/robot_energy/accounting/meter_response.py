@@ -402,6 +402,15 @@ class NewestMinute:
         self._settle()
         return self._sums
 
+    def newest(self, time: float) -> Sums:
+        """Over the newest whole seconds that make so much compared time. [s]"""
+        found: Sums = [0, 0, 0]
+        for _, sums in reversed(self.seconds):
+            if found[0] * NANOSECOND >= time:
+                break
+            found = [a + b for a, b in zip(found, sums, strict=True)]
+        return found
+
     @property
     def still(self) -> StillReadings:
         """Readings that stay the same, since the start."""

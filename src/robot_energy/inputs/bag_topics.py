@@ -71,6 +71,8 @@ def find_temperatures(
     """
     held: dict[str, TemperatureSource] = {}
     notes: list[str] = []
+    known = temperatures_by_type()
+    by_type = sorted(topic for topic, info in bag.topics.items() if info.msgtype in known)
     if sources is not None and topics is None:
         for name, source in sources.items():
             found, lacks = _in_bag(bag, source)
@@ -78,9 +80,9 @@ def find_temperatures(
                 held[name] = found
             else:
                 notes.append(f"the bag has no {lacks}: the temperature source '{name}' is not used")
+        if not held:
+            notes += [_instead(topic, "--temperatures") for topic in by_type]
         return held, notes
-    known = temperatures_by_type()
-    by_type = sorted(topic for topic, info in bag.topics.items() if info.msgtype in known)
     for topic in [one for one in by_type if one not in foreign] if topics is None else topics:
         info = bag.topics.get(topic)
         if info is not None and info.msgtype in TEMPERATURE_KINDS and info.msgtype not in known:
@@ -121,17 +123,20 @@ def find_meter(
     if topic is not None:
         other = source if source is not None and not source.pair else MeterSource()
         info = bag.topics.get(topic)
-        if other == MeterSource() and info is not None and meter_kind(info.msgtype).found_by_type:
+        if info and info.msgtype != other.type and meter_kind(info.msgtype).found_by_type:
             other = MeterSource(type=info.msgtype)
         bag.require(topic, other.type)
         return replace(other, topic=topic), []
-    if source is not None and source != MeterSource():
-        found, lacks = _in_bag(bag, source)
-        return found, [f"the bag has no {lacks}: the meter is not read"] if lacks else []
     open_topics = sorted(
         item for item in bag.topics.items() if item[0] not in others and LOADS not in item[0]
     )
     by_type = [name for name, info in open_topics if meter_kind(info.msgtype).found_by_type]
+    if source is not None and source != MeterSource():
+        found, lacks = _in_bag(bag, source)
+        if not lacks:
+            return found, []
+        own = [_instead(name, "--meter") for name in by_type]
+        return None, [f"the bag has no {lacks}: the meter is not read", *own]
     meters = [name for name in by_type if name not in foreign]
     if len(meters) > 1:
         raise MissingTopicError(
@@ -178,6 +183,10 @@ def _in_bag(bag: BagReader, source: S) -> tuple[S | None, str]:
     for name, kind in held.topics.items():
         bag.require(name, kind)
     return held, ""
+
+
+def _instead(topic: str, option: str) -> str:
+    return f"{topic} is not read, as the inputs name others; name it with {option} to read it"
 
 
 def _not_used(topic: str, option: str) -> str:

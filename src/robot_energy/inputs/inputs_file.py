@@ -69,6 +69,7 @@ def _nodes(path: str | Path) -> dict[str, Mapping[str, Any]]:
         raise ParameterError(
             f"{path} holds no ROS parameters",
             f"the parameter file of a node: its name or /**, below it {ROS_PARAMETERS}",
+            f"put the lines '/**:' and, indented, '{ROS_PARAMETERS}:' first, and indent the rest",
         )
     return nodes
 

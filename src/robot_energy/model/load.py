@@ -83,6 +83,12 @@ def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
         expected="a YAML file or the name of a shipped model",
         remedy=f"shipped models: {', '.join(shipped_models())}",
     )
+    if text.lstrip().startswith("<"):
+        raise ModelFileError(
+            f"{path} is XML, as of a URDF",
+            "a model file",
+            f"begin one with `robot-energy model init {path} --out {path.stem}.yaml`",
+        )
     return validate(parse_yaml(text, str(path)), str(path), urdf_xml)
 
 

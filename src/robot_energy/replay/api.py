@@ -177,7 +177,7 @@ def fixed_friction(
     low, high = FRICTION_DEGC
     if not (isinstance(degc, Real) and low <= degc <= high):
         raise ParameterError(
-            f"friction is to be fixed at {degc} degC",
+            f"friction is to be fixed at {degc!r} degC",
             f"{low:g} to {high:g} degC, or '{FALLBACK}'",
         )
     everywhere = np.full(len(model.joints), degc)

@@ -309,7 +309,7 @@ def _notes(result: Replay) -> list[str]:
     notes: list[str] = []
     account, topics = result.account, result.topics
     if not topics.meter:
-        notes.append("the bag has no power meter: nothing was measured")
+        notes.append("no power meter was read: nothing was measured")
     elif not account.comparison.compared_ns:
         notes.append("no reading of the power meter covers any of the predicted time")
     notes += [result.meter.refused] if result.meter.refused else []

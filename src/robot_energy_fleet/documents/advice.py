@@ -59,7 +59,7 @@ def advice_document(report: AdviceReport, page: Document) -> None:
         page.paragraph(f"Found: {one.found}.")
         page.paragraph(f"To try: {one.change}.")
         if one.command:
-            page.paragraph(f"Next: {one.command}")
+            page.paragraph(f"Next: `{one.command}`")
         if shared := [labels[other] for other in one.overlaps if other in labels]:
             page.paragraph(
                 f"Overlaps with: {', '.join(shared)}. They save a part of the same energy, so do "
@@ -137,7 +137,7 @@ def _savings(rows: tuple[Advice, ...], basis: AdviceBasis, path: Target) -> None
         share = 100.0 / basis.recorded_energy if basis.recorded_energy > 0 else math.nan
         saving_bars(
             figure.subplots(),
-            [one.name.replace("_", " ") for one in rows],
+            [one.label for one in rows],
             [one.energy * share for one in rows],
             [one.half * share for one in rows],
             [one.claimed for one in rows],

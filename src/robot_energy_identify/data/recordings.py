@@ -293,6 +293,16 @@ def spread(recordings: Sequence[Recording]) -> list[Recording]:
     return [part.spread(SPREAD / len(recordings)) for part in recordings]
 
 
+def temperatures_known(recordings: Sequence[Recording]) -> list[NDArray[np.bool_]]:
+    """Return which samples know the temperature of every axis that has one at all, shape (N,) each.
+
+    The others have friction at the fallback temperature, which a meter would count as losses.
+    """
+    known = [np.isfinite(part.power.motor_temperature_degc) for part in recordings]
+    has = np.any([rows.any(axis=0) for rows in known], axis=0)
+    return [np.asarray((rows | ~has).all(axis=1)) for rows in known]
+
+
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:
     metered = [part for part in recordings if part.meter is not None]
     if not metered:

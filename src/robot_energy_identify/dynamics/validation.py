@@ -50,6 +50,31 @@ class TorqueError(Described):
     with_standstill: Annotated[float, "Of all joints, over moving and standing rows. [-]"]
 
 
+class Work(Described):
+    """Work of every motor over the rows that are compared."""
+
+    net: Annotated[Float, "Integral of the power, shape (n,). [J]"]
+    positive: Annotated[Float, "Integral of the power where it is positive, shape (n,). [J]"]
+
+
+class HoldOutResult(Described):
+    """A prediction of one recording next to what was measured in it."""
+
+    recording: Annotated[str, "The one that was predicted."]
+    trained_on: Annotated[tuple[str, ...], "Recordings of the fit; itself: its other blocks."]
+    torque: Annotated[TorqueError, "Error of the model file."]
+    predicted: Annotated[Work, "Work as the model file says it."]
+    measured: Annotated[Work, "Work as measured."]
+    least_squares: Annotated[TorqueError, "Torque error of the fit without bodies that can exist."]
+
+
+class LeaveOneOut(Described):
+    """Recordings of one robot, each held out once."""
+
+    judgements: Annotated[tuple[HoldOutResult, ...], "From the others, then from own blocks."]
+    refused: Annotated[tuple[str, ...], "What was not predicted, and why, one sentence each."]
+
+
 def torque_error(observations: Observations, predicted: Float) -> TorqueError:
     """Return the errors of a prediction of the measured torque.
 

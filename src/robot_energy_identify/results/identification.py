@@ -1,7 +1,6 @@
 """What identification found; the fits of `identify` are parts of it as they are."""
 
 from collections.abc import Sequence
-from dataclasses import field
 from typing import Annotated
 
 import numpy as np
@@ -10,13 +9,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.results.base import Number, Result, Texts, known
 from robot_energy_identify.auxiliary import LoadsFit
-from robot_energy_identify.cabinet.cabinet import CabinetFit
-from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.data.bags import BagFacts
-from robot_energy_identify.drives.all_drives import DrivesReport
-from robot_energy_identify.dynamics.dynamics import Dynamics
-from robot_energy_identify.dynamics.leave_one_out import LeaveOneOut
-from robot_energy_identify.dynamics.validation import TorqueError
 from robot_energy_identify.excitation.excitation import (
     Excitation,
     ExcitationScore,
@@ -25,72 +18,12 @@ from robot_energy_identify.excitation.excitation import (
 from robot_energy_identify.excitation.limits import Floor
 from robot_energy_identify.friction.laws import MIN_RANGE
 from robot_energy_identify.friction.temperature_study import Study
-from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
+from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_identify.run_all import FullIdentification
 from robot_energy_identify.stats.held_out_energy import HeldOutEnergy
-from robot_energy_identify.stats.lag import Delay, MeterDelay, MeterTimeConstant
-from robot_energy_identify.steps import DynamicsFound, Step
+from robot_energy_identify.stats.lag import MeterDelay, MeterTimeConstant
+from robot_energy_identify.steps import Step
 from robot_energy_identify.thermal.gear import MIN_RISE, MIN_WINDOWS, WINDOW
-
-
-class BaseParameter(Result):
-    """One group of inertial, rotor and friction parameters."""
-
-    name: Annotated[str, "Name of the standard parameter that stands for the group."]
-    sum: Annotated[str, "The group."]
-    value: Annotated[float, "Value in the unit of that parameter."]
-    std: Annotated[Number, "Standard deviation."]
-    interval_95: Annotated[Number, "Half width of the 95 % interval."]
-    weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
-    better_known_by_urdf: Annotated[bool, "Whether the URDF determines it more precisely."]
-    parts: Annotated[dict[str, float], "Parts of the standard deviation, by cause."]
-
-
-class DynamicsReport(Result, name="dynamics"):
-    """Bodies, rotors and friction."""
-
-    base_parameters: Annotated[tuple[BaseParameter, ...], "Groups that torque determines."]
-    torque_error: Annotated[
-        dict[str, TorqueError],
-        "Error by test: ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can "
-        "exist); ``held_out_given_bodies`` where it was compared.",
-    ]
-    delay: Annotated[Delay, "Lag of the torque behind the positions."]
-    across: Annotated[LeaveOneOut | None, "Errors of recordings held out whole; None for one."]
-    notes: Annotated[Texts, "What the user should know, one sentence each."]
-    result: Annotated[Dynamics, "The identification behind it."] = field(repr=False)
-
-
-def dynamics_report(
-    result: Dynamics,
-    held_out: TorqueError,
-    consistent: TorqueError,
-    given: TorqueError | None = None,
-    across: LeaveOneOut | None = None,
-) -> DynamicsReport:
-    values, half, std = result.fit.values, result.fit.interval(), result.fit.std
-    errors = {"held_out": held_out, "held_out_model_file": consistent}
-    return DynamicsReport(
-        base_parameters=tuple(
-            BaseParameter(
-                name,
-                result.base.expression(group),
-                float(values[group]),
-                float(std[group]),
-                float(half[group]),
-                bool(abs(values[group]) < half[group]),
-                name in result.poorly_known,
-                result.fit.parts_of(group),
-            )
-            for group, name in enumerate(result.base.labels)
-        ),
-        torque_error=errors if given is None else errors | {"held_out_given_bodies": given},
-        delay=result.delay,
-        across=across,
-        notes=result.notes,
-        result=result,
-    )
-
 
 KINDS = ("position", "velocity", "acceleration", "torque")
 
@@ -189,20 +122,6 @@ def exponential_gain(study: Study) -> float | None:
         return None
 
 
-StepFound = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
-
-
-class StepReport(Result):
-    """One step of the whole."""
-
-    subject: Annotated[str, "What it is about."]
-    taken: Annotated[bool, "Whether the model has what was found."]
-    reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
-    notes: Annotated[Texts, "What was decided without data, one sentence each."]
-    found: Annotated[StepFound | None, "What the recordings show; None if the step was left out."]
-    step: Annotated[Step, "The step behind it."] = field(repr=False)
-
-
 class IdentificationReport(Result, name="identification"):
     """All that was identified, and the test on what was held out."""
 
@@ -210,7 +129,7 @@ class IdentificationReport(Result, name="identification"):
     given: Annotated[RobotModel, "The model as it was given; in JSON its identity."]
     recordings: Annotated[tuple[BagFacts, ...], "Bags of the fit."]
     tests: Annotated[tuple[BagFacts, ...], "Bags of the test alone."]
-    steps: Annotated[tuple[StepReport, ...], "In the order in which they were done."]
+    steps: Annotated[tuple[Step, ...], "In the order in which they were done."]
     meter_delay: MeterDelay
     meter_time_constant: MeterTimeConstant
     energy: Annotated[HeldOutEnergy | None, "Energy errors held out; None if there was no test."]
@@ -242,10 +161,7 @@ def identification_report(
         given=whole.given,
         recordings=tuple(recordings),
         tests=tuple(tests),
-        steps=tuple(
-            StepReport(step.subject, step.taken, step.reason, step.notes, _found(step), step)
-            for step in whole.steps
-        ),
+        steps=whole.steps,
         meter_delay=whole.meter_delay,
         meter_time_constant=whole.meter_time_constant,
         energy=test,
@@ -301,10 +217,3 @@ def _without_warm_up(model: RobotModel, recordings: Sequence[BagFacts]) -> list[
         "while a robot warms up, so the model reads low then; record half an hour or more of work "
         "from a cold start, with motor temperatures"
     ]
-
-
-def _found(step: Step) -> StepFound | None:
-    found = step.found
-    if not isinstance(found, DynamicsFound):
-        return found
-    return dynamics_report(found.result, found.least_squares, found.consistent, found.given)

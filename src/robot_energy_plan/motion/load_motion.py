@@ -183,12 +183,12 @@ def _start(robot: Robot, structure: str) -> Float:
 
 
 def joint_list(text: str, what: str, counts: Sequence[int]) -> Float:
-    """Return numbers that were divided by commas, shape (k,)."""
+    """Return numbers that were separated by commas, shape (k,)."""
     try:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError as error:
-        raise MotionError(f"{what} is '{text}'", "numbers divided by commas") from error
+        raise MotionError(f"{what} is '{text}'", "numbers separated by commas") from error
     if not (np.abs(values) <= MAX_VALUE).all() or (counts and len(values) not in counts):
         number = " or ".join(map(str, counts)) or "any number of"
-        raise MotionError(f"{what} is '{text}'", f"{number} finite numbers divided by commas")
+        raise MotionError(f"{what} is '{text}'", f"{number} finite numbers separated by commas")
     return values

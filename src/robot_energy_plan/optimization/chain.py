@@ -82,6 +82,11 @@ class Moves(ABC):
             time: Since the start of the move, shape (N,). [s]
         """
 
+    def instants(self, candidates: Candidates, place: int) -> Float:
+        """Return when one candidate has the points of a trajectory, from 0 on, shape (K,). [s]"""
+        length = float(self.duration(candidates)[place])
+        return np.linspace(0.0, length, max(2, int(np.ceil(length / STEP)) + 1))
+
 
 class PtpMoves(Moves):
     """Synchronised point-to-point moves.
@@ -261,7 +266,7 @@ class PowerChain:
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            fan = FanStage(self.model.cabinet)
+            fan = FanStage(self.model.cabinet, assumed=True)
             stage = CabinetStage(self.model.cabinet)
             balance = stage.step(stamp, place, electrical.sum(axis=1), fan.step(winding))
             returned = self.model.cabinet.regeneration_efficiency

@@ -5,8 +5,11 @@ from collections.abc import Iterator
 
 import pytest
 
+from places import ROOT
 from robot_energy_cli import main
 from robot_energy_cli.main import WrappedHelp, build_parser
+
+BAGS, URDF = ROOT / "bags", ROOT / "src/robot_energy/models/ur5e.urdf"
 
 
 @pytest.mark.parametrize("words", [[], ["help"], ["--help"]])
@@ -102,6 +105,9 @@ def test_help_of_a_subject(capsys):
         (["replay", "b", "--effort", "motor_torqe"], "robot-energy replay", "mean motor_torque?"),
         (["replay", "a", "b"], "robot-energy replay", "too many arguments: b"),
         (["replay"], "robot-energy replay", "required: bag"),
+        (["identify"], "robot-energy identify", "required: STEP, one of all, excitation,"),
+        (["identify", "bag"], "robot-energy identify", "no step 'bag'; choose from all,"),
+        (["history"], "robot-energy history", "required: ACTION, one of export, report,"),
         (["model", "chek", "kr16"], "robot-energy model", "did you mean check?"),
         (["--verson"], "robot-energy", "did you mean --version?"),
         (["replay", "b\x1b[2J", "c\x1b[2J"], "robot-energy replay", r"too many arguments: c\x1b["),
@@ -115,6 +121,21 @@ def test_a_wrong_word_is_answered_in_one_line(words, who, said, capsys):
     assert said in err
     assert err.endswith(f" (see {who} --help)\n")
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["replay", str(BAGS), "--model", "kr16"], f"Name one, such as {BAGS}/drawn_test_cold,"),
+        (["replay", str(BAGS / "kr16_cold")], "`robot-energy models` lists the shipped models"),
+        (["model", "check", str(URDF)], f"`robot-energy model init {URDF} --out ur5e.yaml`"),
+        (["fleet", "run", "gone", "--model", "kr16", "--out", "new"], "gone does not exist"),
+        (["fleet", "report", "gone"], "gone does not exist"),
+    ],
+)
+def test_a_wrong_file_is_answered_with_what_to_type(words, said, capsys):
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_what_begins_like_one_option_is_that_option(capsys):

@@ -127,7 +127,7 @@ def test_a_table_names_bags_models_and_jobs(hall):
     assert said == ("left", "pick", "early", jobs, {"effort": "motor_torque"})
     assert [bag.model for bag in files] == ["ur3e", "ur3e"]
     assert gone.place.files == ()
-    assert "holds no bag" in str(gone.place.problem)
+    assert "does not exist" in str(gone.place.problem)
 
 
 def test_a_bag_of_a_table_has_one_address_there_or_gone(hall, monkeypatch):
@@ -171,10 +171,10 @@ WRONG = {
     "zip://r2/a.mcap": "has 'zip'; expected a local path, or one of the protocols file, s3",
     "github://a/b": "has 'github'",
     "memory://a::memory://b": "has '::'",
-    "data:text/plain,x": "too many cells|holds no bag",
-    "data:text/plain": "holds no bag",
-    "~nobody-has-this-name/x": "holds no bag",
-    "gone": "holds no bag",
+    "data:text/plain,x": "too many cells|does not exist",
+    "data:text/plain": "does not exist",
+    "~nobody-has-this-name/x": "does not exist",
+    "gone": "does not exist",
     "s3://a/b": "s3://a/b cannot be read",
 }
 
@@ -269,6 +269,9 @@ def test_bags_are_found_on_other_file_systems():
 
 
 def test_a_folder_without_bags_and_a_bag_without_model_are_refused(hall):
+    with pytest.raises(DatasetError, match="does not exist"):
+        list_bags(str(hall / "none"), FleetModels(), "kr16", {})
+    (hall / "none").mkdir()
     with pytest.raises(DatasetError, match="holds no bag"):
         list_bags(str(hall / "none"), FleetModels(), "kr16", {})
     with pytest.raises(DatasetError, match="no model for"):

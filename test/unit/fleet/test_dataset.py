@@ -202,6 +202,9 @@ def test_other_folders_and_empty_ones_are_refused(tmp_path):
         Dataset(tmp_path)
     with pytest.raises(DatasetError, match="is not a folder"):
         Dataset(tmp_path / "mine.txt")
+    with pytest.raises(DatasetError, match="does not exist"):
+        scan(tmp_path / "none")
+    (tmp_path / "none").mkdir()
     with pytest.raises(DatasetError, match="holds no row"):
         scan(tmp_path / "none")
 

@@ -301,7 +301,7 @@ def test_the_command_writes_page_json_and_model(place, tmp_path, monkeypatch, ca
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["report", "nothing"], "holds no row"),
+        (["report", "nothing"], "nothing does not exist"),
         (["report", "data", "--shifts", "14,6"], "not a rising list of hours"),
     ],
 )

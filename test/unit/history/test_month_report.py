@@ -77,6 +77,12 @@ def test_parts_have_one_name_in_report_and_page():
     assert {"constant losses", "lifting, accelerating"} <= {*on_page.values()} & {*TERMS}
 
 
+def test_a_part_that_no_model_has_is_a_dash(folder):
+    text = text_of(month_document(folder, "2026-03", NOW))
+    assert f"{PARTS['brake']} \u2013 \u2013 {MEANINGS['brake']}" in text
+    assert re.search(rf"{PARTS['drives']} [\d.]+ [\d.]+ %", text)
+
+
 def test_names_are_text(folder):
     page = page_html(month_document(folder, "2026-03", NOW))
     assert "<script>alert" not in page

@@ -54,6 +54,15 @@ def test_probable_misspellings_are_named(tmp_path):
     assert "'motors.colour'" in notes[2]
 
 
+def test_the_remedy_of_a_file_without_node_is_right(tmp_path):
+    """As the lines are that `check` prints: they say what stands below the node."""
+    line = "joint_states: {effort_meaning: motor_torque}\n"
+    with pytest.raises(ParameterError, match="'/\\*\\*:' and, indented, 'ros__parameters:' first"):
+        read_inputs(written(tmp_path, line))
+    inputs, _ = read_inputs(written(tmp_path, f"/**:\n  ros__parameters:\n    {line}"))
+    assert inputs.joint_states.effort_meaning == "motor_torque"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -86,7 +86,7 @@ def test_what_is_not_measured_is_null_and_said(tmp_path: Path) -> None:
     assert compared.predicted_minus_measured_relative is None
     assert compared.meter_location is None
     assert "nothing measured (no meter)" in headline(report)
-    assert "the bag has no power meter: nothing was measured" in report.notes
+    assert "no power meter was read: nothing was measured" in report.notes
     assert "NaN" not in json.dumps(report.to_dict(), allow_nan=False)
     assert compared_series(result) is None
 

@@ -18,7 +18,7 @@ FIRST_BYTES: dict[bytes, tuple[str, str]] = {
     MCAP: ("an MCAP file", BAG),
     SQLITE: ("an SQLite file, as of rosbag2", BAG),
     b"PAR1": ("a Parquet table", TABLE),
-    b"\x1f\x8b": ("a file packed with gzip", TABLE),
+    b"\x1f\x8b": ("a file packed with gzip", f"unpack a bag first; if it is a table, {TABLE}"),
     b"DIAEXTENDED": ("the header of a DIAdem recording, as of a KUKA trace", EXPORT),
     b"\x89HDF\r\n\x1a\n": ("an HDF5 file, as of MATLAB", EXPORT),
     b"MATLAB 5.0": ("a MATLAB file", EXPORT),

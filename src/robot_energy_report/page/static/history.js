@@ -83,7 +83,7 @@ function show() {
   const { answer } = view;
   const { period, before } = answer;
   const shown = params().getAll("robot");
-  setText(byId("status"), answer.running ? `as of ${clock(answer.now)}` : "closed");
+  setText(byId("status"), answer.running ? `as of ${clock(answer.now)}` : "over");
   setText(byId("period"), `${period.name}${shown.length ? `, ${shown.length === 1 ? shown[0] : `${shown.length} robots`}` : ""}`);
   document.title = `Robot energy: ${period.name}`;
   byId("later").disabled = Boolean(answer.running) || period.start > answer.now;

@@ -1,5 +1,5 @@
 // Power over time: mean lines, the range from lowest to highest, and a cursor to read values.
-import { clock, drawn, energy, known, number, percent, byId, setText, watts } from "./format.js";
+import { clock, drawn, known, number, percent, byId, setText, watts } from "./format.js";
 
 const MIN_LEFT = 52;
 const DIGIT = 7; // width of one in the labels of the axis
@@ -96,7 +96,7 @@ export function drawLines(host, given, meter, span, stale) {
   host.replaceChildren(svg);
   if (focused) svg.focus({ preventScroll: true });
   const covered = span?.coverage;
-  setText(byId("lines-note"), `In this span ${energy(span?.energy)} from the grid, predicted; ${percent(covered, covered < 1 ? 1 : 0)} of it covered.${stale ? " No new figures arrive." : ""}`);
+  setText(byId("lines-note"), `${percent(covered, covered < 1 ? 1 : 0)} of this span was observed.${stale ? " No new figures arrive." : ""}`);
   attachCursor(svg, ring, main, x, { first, last, left, right, bottom: height - BOTTOM });
 }
 

@@ -38,9 +38,10 @@ export function showPower(power) {
   byId("power").dataset.time = power.time ?? "";
 }
 
-// A recording has no now: its mean power.
+// A recording has no now: its mean power, of the energy and time of the registers as in the headline.
 export function showMeanPower(robot) {
-  const { energy: joule, seconds } = robot.spans.all;
+  const joule = robot.headline.energy;
+  const seconds = robot.registers?.observed_time;
   setText(byId("power-title"), "Mean power");
   big("power", known(joule) && seconds > 0 ? number(joule / seconds) : DASH, "W");
   setText(byId("power-note"), `predicted, over ${duration(seconds)}`);

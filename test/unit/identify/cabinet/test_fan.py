@@ -112,7 +112,7 @@ def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_op
         return SimpleNamespace(model=model, power=warmest, rests=rests)
 
     monkeypatch.setattr(fan_module, "_usable", lambda part: True)
-    monkeypatch.setattr(fan_module, "_rests", lambda part: part.rests)
+    monkeypatch.setattr(fan_module, "_rests", lambda part, _: part.rests)
     recordings = [part(30.0, 0.0), part(38.0, 0.0), part(40.0, 1.0), part(41.0, 30.0)]
     found = with_begin(FAN, recordings, "bags")
     assert (found.begins_off_to_degc.value, found.begins_off_to_degc.source) == (40.0, "bags")
@@ -121,6 +121,9 @@ def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_op
     cooled = part(38.5, 30.0)  # from where it ran
     assert with_begin(FAN, [*recordings, cooled], "bags").begins_off_to_degc.value == 38.0
     assert with_begin(FAN, [recordings[2], cooled], "bags") == FAN
+    warming = part(38.0, 0.0)  # to 44 degC, but from 42.6 degC on it may have started
+    warming.rests = replace(warming.rests, warmest_degc=np.linspace(38.0, 44.0, 21)[:20])
+    assert with_begin(FAN, [warming], "bags").begins_off_to_degc.value == pytest.approx(42.5)
 
 
 @pytest.mark.parametrize(
