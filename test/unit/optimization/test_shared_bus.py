@@ -127,7 +127,7 @@ def test_the_command_lays_recordings_of_other_times_upon_each_other(capsys):
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(MotionError, match="one a robot"):
+    with pytest.raises(MotionError, match="one for each robot"):
         re.shared_bus([MOVES], "kr16")
     with pytest.raises(MotionError, match="recordings alone, or programs"):
         re.shared_bus([MOVES, COLD], "kr16")
