@@ -34,7 +34,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.levels import level_step, levels_of
 from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
-from robot_energy_identify.cabinet.thermometers import Thermometers, thermometers_of
+from robot_energy_identify.cabinet.thermometers import READING, Thermometers, thermometers_of
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import COOL, shaft_torque, winding_torque
 from robot_energy_identify.drives.losses import TERMS, loss_columns
@@ -147,17 +147,18 @@ def _by_levels(recordings: Sequence[Recording]) -> FanFound | None:
             UNTIL_IT_RUNS,
         )
         return FanFound(None, str(reason), step.power)
-    off = _between_thermometers(recordings, known)
+    off = _between(recordings, known)
     on_std = float(np.hypot((step.above - step.below) / ROOT12, off))
     between = 0.5 * (step.below + step.above)
     fit = FanFit(step.power, step.std, between, on_std, step.recordings, 0, errors)
     return FanFound(fit)
 
 
-def _between_thermometers(recordings: Sequence[Recording], known: Thermometers | None) -> float:
+def _between(recordings: Sequence[Recording], known: Thermometers | None) -> float:
     """Deviation between two thermometers; another motor may be the warmest later. [K]"""
-    std = recordings[0].sensors.std.thermometer if known is None else known.std
-    return 2.0**0.5 * std
+    if known is None:
+        return 2.0**0.5 * recordings[0].sensors.std.thermometer
+    return 2.0**0.5 * float(np.hypot(known.std, READING))
 
 
 @dataclass(frozen=True)
@@ -347,7 +348,7 @@ def find_fan(recordings: Sequence[Recording]) -> FanFit:
         return fan_of([], 0.0)
     known = thermometers_of(usable)
     errors = None if known is None else known.error
-    found = fan_of([_rests(part, errors) for part in usable], _between_thermometers(usable, known))
+    found = fan_of([_rests(part, errors) for part in usable], _between(usable, known))
     return replace(found, thermometers=errors)
 
 

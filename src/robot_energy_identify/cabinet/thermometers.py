@@ -22,7 +22,7 @@ BEGIN_NS = 10_000_000_000  # of a recording, whose readings count
 WARMER = 10.0  # K between two begins
 AGREE = 1.5  # K by which one thermometer may differ between them
 REST_FIRST = f"begin two recordings after hours at rest, one of them {WARMER:g} K warmer"
-NOISE = 0.3  # K, of readings of whole kelvins at one begin
+READING = 0.3  # K, deviation of readings of whole kelvins
 
 
 class Thermometers(Described):
@@ -59,5 +59,5 @@ def errors_of(begins_degc: Float) -> Thermometers | None:
     free = same.sum() - 1
     scatter = ((apart[same] - error) ** 2).sum() / max(free * (begins_degc.shape[1] - 1), 1)
     return Thermometers(
-        tuple(np.round(error, 2).tolist()), float(np.sqrt(max(scatter, NOISE**2) / same.sum()))
+        tuple(np.round(error, 2).tolist()), float(np.sqrt(max(scatter, READING**2) / same.sum()))
     )

@@ -17,8 +17,10 @@ from robot_energy_identify.api.identify import identify_all, identify_cabinet, i
 from robot_energy_identify.cabinet import fan as fan_module
 from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.fan import FanFit, Rests, fan_of, runs_at_begin, with_begin
+from robot_energy_identify.cabinet.thermometers import Thermometers
 from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.stats.cross_validation import EnergyScore
+from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
 from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
 from robot_energy_report.document import Document
@@ -302,6 +304,14 @@ def test_a_fan_that_starts_in_no_recording_is_found_by_their_levels(tmp_path):
     assert fan.on_above_degc.value == pytest.approx(38.0, abs=fan.on_above_degc.std)
     off = rig(**light)._thermometer._offset
     np.testing.assert_allclose(fan.thermometers, off - off.mean(), atol=0.6)
+
+
+def test_the_start_is_as_sure_as_two_thermometers_are_known():
+    """By limits of +-2 K, uniform; else by 0.4 K of each and 0.3 K of its readings."""
+    recording = SimpleNamespace(sensors=DEFAULT_LIMITS)
+    assert fan_module._between([recording], None) == pytest.approx((2.0 * 4.0 / 3.0) ** 0.5)
+    known = Thermometers((1.0, -1.0), 0.4)
+    assert fan_module._between([recording], known) == pytest.approx(0.5 * 2.0**0.5)
 
 
 @pytest.mark.parametrize(("thermometers", "says"), [(None, True), ((1.0, -1.0), False)])
