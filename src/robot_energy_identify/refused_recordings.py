@@ -306,7 +306,10 @@ def _sentence(finding: Finding) -> str:
 def _refuse(findings: Sequence[Finding], expected: str, otherwise: str = "") -> None:
     if not findings:
         return
-    remedies = [*dict.fromkeys(one.remedy for one in findings if one.remedy), otherwise]
+    remedies = [
+        *dict.fromkeys(one.remedy + one.option for one in findings if one.remedy),
+        otherwise,
+    ]
     raise ImplausibleIdentificationError(
         "; ".join(finding.sentence for finding in findings),
         expected,

@@ -65,6 +65,7 @@ def test_a_fan_takes_its_power_at_a_motor_temperature_above_its_start(degc, runs
     figures = {"power": (12.0, PositiveFigure), "on_above_degc": (45.0, Figure),
                "hysteresis": (5.0, PositiveFigure)}  # fmt: skip
     fan = CabinetFan(**{key: kind(value=value, **known) for key, (value, kind) in figures.items()})
+    fan = fan.model_copy(update={"thermometers": (9.0,)})  # of readings, which a plan has not
     model = one_wheel()
     other = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
     before, after = (predict(one, wheel(1.0), degc) for one in (model, other))
