@@ -29,14 +29,17 @@ ALIKE = 1e-3  # share of the variance of s that a and b p may leave, below which
 def by_second(compared: Compared) -> Compared:
     """Return the sums of each second, which are the same however the input was cut."""
     second, place = np.unique(compared.stamp_ns // SECOND_NS, return_inverse=True)
-    count = len(second)
-    time, *energies = (
-        np.bincount(place, values, count)
-        for values in (
-            compared.duration_ns, compared.measured, compared.predicted, compared.drawn,
-        )
-    )  # fmt: skip
-    return Compared(second * SECOND_NS, np.rint(time).astype(np.int64), *energies)
+
+    def total(values: Float) -> Float:
+        return np.bincount(place, values, len(second)).astype(np.float64)
+
+    return Compared(
+        second * SECOND_NS,
+        total(compared.duration_ns.astype(np.float64)).astype(np.int64),
+        total(compared.measured),
+        total(compared.predicted),
+        total(compared.drawn),
+    )
 
 
 def step_of(compared: Compared, start_ns: int) -> Finding | None:
