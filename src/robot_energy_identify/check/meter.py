@@ -232,7 +232,8 @@ def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[
             f"the shafts take {taken:.0f} W on average by the recorded torque, more than the "
             f"{mean:.0f} W of the meter",
             taken / mean if mean else float("inf"),
-            "check the scale of the torque, the unit of the meter, and its place",
+            "check the scale of the torque, and the unit, the place and the phases of the meter: "
+            "one of three shows a third",
         )  # fmt: skip
     elif mean > MAX_EXCESS * expected > 0.0:
         yield Finding(

@@ -22,21 +22,24 @@ WIDTHS = (8, 16)  # means on either side: loads that switch every ten seconds, a
 MAX_SPACING = 2.0  # s between readings; over minutes, a robot that warms up looks like a step
 MIN_STEP = 0.15  # of the mean power: sound recordings show 0.02 with a model that is identified
 MIN_DEVIATIONS = 7.0  # sound recordings show 3, up to 6 with a model that is far off
+MAX_OFF = 0.2  # of the energy, that the model may miss on the better side of a step
 ALIKE = 1e-3  # share of the variance of s that a and b p may leave, below which d is not known
 
 
 def by_second(compared: Compared) -> Compared:
     """Return the sums of each second, which are the same however the input was cut."""
     second, place = np.unique(compared.stamp_ns // SECOND_NS, return_inverse=True)
-    count = len(second)
-    added: list[Float] = [
-        np.bincount(place, values, count).astype(np.float64)
-        for values in (
-            compared.duration_ns, compared.measured, compared.predicted, compared.drawn,
-        )
-    ]  # fmt: skip
-    time, *energies = added
-    return Compared(second * SECOND_NS, np.rint(time).astype(np.int64), *energies)
+
+    def total(values: Float) -> Float:
+        return np.bincount(place, values, len(second)).astype(np.float64)
+
+    return Compared(
+        second * SECOND_NS,
+        total(compared.duration_ns.astype(np.float64)).astype(np.int64),
+        total(compared.measured),
+        total(compared.predicted),
+        total(compared.drawn),
+    )
 
 
 def step_of(compared: Compared, start_ns: int) -> Finding | None:
@@ -63,7 +66,7 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
         (sure, step, row)
         for row, rows in around
         for sure, step in _steps(measured[rows], predicted[rows])
-        if abs(step) > least and sure > MIN_DEVIATIONS
+        if abs(step) > least and sure > MIN_DEVIATIONS and _fits(measured, predicted, row)
     ]
     if not found:
         return None
@@ -77,6 +80,12 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
         step,
         "leave this recording out or record again without it, or give the load a meter of its own",
     )  # fmt: skip
+
+
+def _fits(measured: Float, predicted: Float, row: int) -> bool:
+    """Whether the model fits the energy before a row, or that from it on."""
+    seen, drawn = (np.add.reduceat(values, [0, row]) for values in (measured, predicted))
+    return bool((np.abs(drawn - seen) <= MAX_OFF * np.abs(seen)).any())
 
 
 def _steps(measured: Float, predicted: Float) -> list[tuple[float, float]]:
