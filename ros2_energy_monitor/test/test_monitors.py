@@ -108,6 +108,7 @@ def test_friction_of_another_model_or_of_a_node_that_has_ended_is_said(bench, tm
         status = diagnosed.wait_anew(name, "messages on /energy/joint_friction rejected")
         assert "give all monitors the same model file: all 1 messages" in status.message
     assert "and none since, most as other_model" in status.message
+    assert "give all monitors the same model file" in diagnosed.values(status).values()
     bench.remove(friction)
     friction = bench.add(FrictionMonitor, model="kr16")
     bench.spin_until(lambda: "friction" not in diagnosed[name].message, "friction of the model")
