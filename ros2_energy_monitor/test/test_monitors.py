@@ -199,6 +199,21 @@ def test_readings_that_are_all_rejected_are_said_with_what_to_do(bench, readings
     assert f"most as {reason}" in status.message
 
 
+def test_a_slow_meter_is_not_called_silent_between_its_readings(bench):
+    bench.add(PowerMonitor, model="kr16", state_folder="", meter_max_gap=0.1)
+    diagnosed, name = bench.diagnosed(), "power_monitor: energy"
+    publisher = bench.publisher(PowerReading, "power_meter")
+    for second in (60, 120, 180):  # means over a minute
+        message = PowerReading(power=100.0, interval=60.0, location=1, meaning=2)
+        message.header.stamp.sec = second
+        publisher.publish(message)
+    diagnosed.wait(name, "no joint torque")
+    bench.spin_until(
+        lambda: diagnosed.values(diagnosed[name])["meter_input_age_s"] > 0.5, "a report on them"
+    )
+    assert "no meter reading for" not in diagnosed[name].message
+
+
 def test_temperatures_of_other_joints_are_said_with_the_setting(bench):
     bench.add(FrictionMonitor, model="kr16")
     message = temperatures(1)
