@@ -144,6 +144,24 @@ def test_loss_is_counted_and_said(bench):
     assert "lost" not in diagnosed[NAME].message
 
 
+def test_messages_of_other_joints_are_no_fault_next_to_those_of_the_model(bench):
+    """As of a gripper, whose broadcaster publishes on the topic of the arm."""
+    inbox, log = Inbox(bench.tester, JointState, "states", best_effort(5)), RejectionLog()
+    watch = InputWatch("joint state", inbox, log, lambda: 1.0, needed=False)
+
+    def findings(accepted: int, **rejected: int) -> StatusBuilder:
+        log.received += accepted + sum(rejected.values())
+        for reason, count in rejected.items():
+            log.reject(reason, count)
+        found = StatusBuilder("joint states")
+        watch.check(found)
+        return found
+
+    assert len(findings(5, unknown_joint=5)) == 0
+    assert "all 5 messages on /states rejected" in findings(0, unknown_joint=5).message
+    assert "1 of 10 messages" in findings(4, unknown_joint=5, not_finite=1).message
+
+
 def test_several_publishers_are_named(bench):
     bench.tester.create_publisher(JointState, "joint_states", 5)
     for _ in range(2):

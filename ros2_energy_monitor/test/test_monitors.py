@@ -108,6 +108,7 @@ def test_friction_of_another_model_or_of_a_node_that_has_ended_is_said(bench, tm
         status = diagnosed.wait_anew(name, "messages on /energy/joint_friction rejected")
         assert "give all monitors the same model file: all 1 messages" in status.message
     assert "and none since, most as other_model" in status.message
+    assert "give all monitors the same model file" in diagnosed.values(status).values()
     bench.remove(friction)
     friction = bench.add(FrictionMonitor, model="kr16")
     bench.spin_until(lambda: "friction" not in diagnosed[name].message, "friction of the model")
@@ -196,6 +197,21 @@ def test_readings_that_are_all_rejected_are_said_with_what_to_do(bench, readings
         status = diagnosed.wait_anew(name, "no joint torque")
     assert f"{remedy}: all 1 messages on /power_meter rejected" in status.message
     assert f"most as {reason}" in status.message
+
+
+def test_a_slow_meter_is_not_called_silent_between_its_readings(bench):
+    bench.add(PowerMonitor, model="kr16", state_folder="", meter_max_gap=0.1)
+    diagnosed, name = bench.diagnosed(), "power_monitor: energy"
+    publisher = bench.publisher(PowerReading, "power_meter")
+    for second in (60, 120, 180):  # means over a minute
+        message = PowerReading(power=100.0, interval=60.0, location=1, meaning=2)
+        message.header.stamp.sec = second
+        publisher.publish(message)
+    diagnosed.wait(name, "no joint torque")
+    bench.spin_until(
+        lambda: diagnosed.values(diagnosed[name])["meter_input_age_s"] > 0.5, "a report on them"
+    )
+    assert "no meter reading for" not in diagnosed[name].message
 
 
 def test_temperatures_of_other_joints_are_said_with_the_setting(bench):

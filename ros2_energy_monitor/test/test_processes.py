@@ -187,18 +187,19 @@ def test_a_broken_model_file_is_named(start, tmp_path: Path):
     assert len(output.splitlines()) == 1, output
 
 
-def test_wrong_ros_arguments_are_refused(child_environment):
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("-p", "model"), "expected -p NAME:=VALUE"),
+        (("--params-file", "tab.yaml"), "and below that the parameters, with spaces and no tabs"),
+    ],
+)
+def test_wrong_ros_arguments_are_refused(child_environment, tmp_path: Path, given, words):
+    (tmp_path / "tab.yaml").write_text("/**:\n  ros__parameters:\n\tmodel: kr16\n")
     result = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "ros2_energy_monitor",
-            "torque_monitor",
-            "--ros-args",
-            "-p",
-            "model",
-        ],
+        [sys.executable, "-m", "ros2_energy_monitor", "torque_monitor", "--ros-args", *given],
         env=child_environment,
+        cwd=tmp_path,
         capture_output=True,
         text=True,
         timeout=LIMIT,
@@ -206,6 +207,7 @@ def test_wrong_ros_arguments_are_refused(child_environment):
     )
     assert result.returncode == 2, result.stderr
     assert "ROS could not be started" in result.stderr
+    assert words in result.stderr
     assert "Traceback" not in result.stderr
 
 

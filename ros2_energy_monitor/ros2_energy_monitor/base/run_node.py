@@ -43,6 +43,11 @@ from ros2_energy_monitor.base.shared_memory import clear_ports
 EXIT_BAD_SETUP = 2
 PATIENCE = 0.1  # longest wait; then it is asked whether to stop [s]
 RARELY = 0.2  # between two looks at services and events [s]
+EXPECTED = {  # where ROS says only what its parser met
+    "params file": "expected YAML with /** or the name of a node, below it ros__parameters, and "
+    "below that the parameters, with spaces and no tabs",
+    "parameter override rule": "expected -p NAME:=VALUE",
+}
 MAX_END = 20.0  # after this the process ends, and says where the middleware hangs [s]
 
 
@@ -231,7 +236,9 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
         get_logger(name).fatal(str(error))
         return EXIT_BAD_SETUP
     except (rclpy_implementation.UnknownROSArgsError, rclpy_implementation.RCLError) as error:
-        get_logger(name).fatal(f"ROS could not be started: {str(error).splitlines()[0]}")
+        found = str(error).splitlines()[0]
+        expected = [text for words, text in EXPECTED.items() if words in found]
+        get_logger(name).fatal("; ".join([f"ROS could not be started: {found}", *expected]))
         return EXIT_BAD_SETUP
     except KeyboardInterrupt:  # a signal before the handlers were in place
         return 0

@@ -94,6 +94,7 @@ NOT_KNOWN = (
     "the power of some joint states of the last second is not known: each is alone between two "
     "gaps, or the power is beyond 1 MW"
 )
+SPACINGS, SLOWEST = 1.5, 60.0  # of its readings a meter may be late [-], and at most [s]
 APART = 5.0  # stamps that far from the clock are another clock's [s]
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
@@ -348,8 +349,14 @@ def energy_source(
 
     Args:
         meter: Where meter readings arrive: one topic, voltage and current, or none.
-        meter_timeout: Silence beyond which the meter counts as missing. [s]
+        meter_timeout: Silence beyond which a meter that is not slower counts as missing. [s]
     """
+
+    def silence() -> float:
+        """A meter that sends means over 5 s is not silent for 4 s."""
+        spacing = (account.comparison.curve.spacing_ns or 0) * NANOSECOND
+        return max(meter_timeout, min(SPACINGS * spacing, SLOWEST))
+
     names = ("meter_voltage_", "meter_current_") if len(meter) > 1 else ("meter_",)
     watches = [
         (
@@ -358,7 +365,7 @@ def energy_source(
                 "meter reading",
                 inbox,
                 readings.rejections,
-                lambda: meter_timeout,
+                silence,
                 needed=False,
                 remedy_of=lambda reason: METER_REMEDIES.get(reason, ""),
             ),

@@ -137,6 +137,8 @@ class InputWatch:
                 for reason, count in after.rejected.items()
                 if reason != INACTIVE  # as asked for
             }
+            if sum(reasons.values()) < fresh:  # a gripper may send its joints on the same topic
+                reasons.pop("unknown_joint", None)
             worst = max(reasons, key=lambda reason: reasons[reason], default="")
             self._newest = fresh, sum(reasons.values()), worst
         new, count, worst = self._newest

@@ -75,7 +75,11 @@ class NodeWatch:
                 "start the simulation",
             )
         if twins := self._look():
-            found.add(WARN, "; ".join(twins), "stop one of them")
+            found.add(
+                WARN,
+                "; ".join(twins),
+                "stop one of them, or give each robot a namespace of its own",
+            )
         return found
 
     def _look(self) -> list[str]:

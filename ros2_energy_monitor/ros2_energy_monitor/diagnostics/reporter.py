@@ -25,6 +25,7 @@ from rclpy.node import Node
 from robot_energy.foundation.shown_text import MAX_LINE, shown, shown_lines
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import bounded
+from robot_energy_report.page.alarms import REMEDY
 
 Number = float | int
 Value = Number | str
@@ -47,12 +48,14 @@ class StatusBuilder:
     Attributes:
         remarks: Sentences for the log, each logged once in the life of the node.
         notes: What to know though nothing is wrong, one sentence each; shown at level OK.
+        remedies: Of the findings that have one; key values of their own, for the page.
     """
 
     name: str
     values: dict[str, Value] = field(default_factory=lambda: dict[str, Value]())
     remarks: list[str] = field(default_factory=lambda: list[str]())
     notes: list[str] = field(default_factory=lambda: list[str]())
+    remedies: list[str] = field(default_factory=lambda: list[str]())
     _found: list[tuple[bytes, str]] = field(default_factory=lambda: list[tuple[bytes, str]]())
 
     def add(self, level: bytes, message: str, remedy: str = "") -> None:
@@ -64,6 +67,8 @@ class StatusBuilder:
                 does, shows it then.
         """
         self._found.append((level, f"{remedy}: {message}" if remedy else message))
+        if remedy:
+            self.remedies.append(remedy)
 
     @property
     def level(self) -> bytes:
@@ -104,15 +109,16 @@ class Reporter:
                 self._node.get_logger().info(shown_lines(remark))
 
     def _status(self, found: StatusBuilder, hardware_id: str) -> DiagnosticStatus:
+        values = [(shown(key), _text(value)) for key, value in found.values.items()]
+        remedies = enumerate(found.remedies, 1)
+        values += [(f"{REMEDY}{number}", shown(text, MAX_LINE)) for number, text in remedies]
+        values.append(("findings", str(len(found))))
         return DiagnosticStatus(
             level=found.level,
             name=f"{self._node.get_fully_qualified_name().lstrip('/')}: {found.name}",
             message=shown(found.message, MAX_LINE),
             hardware_id=hardware_id,
-            values=[
-                KeyValue(key=shown(key), value=_text(value))
-                for key, value in {**found.values, "findings": len(found)}.items()
-            ],
+            values=[KeyValue(key=key, value=value) for key, value in values],
         )
 
 

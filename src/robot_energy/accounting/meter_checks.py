@@ -83,7 +83,12 @@ class MeterDiagnostics:
         found = self._unit_asked(measured / predicted, comparison.meaning, gross=not settled)
         if found or not settled:
             return found
-        _, measured, predicted = minute.newest(MIN_GROSS_TIME)  # it may have changed its unit
+        newest = minute.newest(MIN_GROSS_TIME)  # it may have changed its unit
+        side = GROSS_FACTOR**0.5  # on which all are then: a sum of either sign may pass through 0
+        below = all(abs(given) * side < abs(drawn) for _, given, drawn in newest)
+        if not below and not all(abs(given) > side * abs(drawn) for _, given, drawn in newest):
+            return ""
+        _, measured, predicted = map(sum, zip(*newest, strict=True))
         ratio = measured / predicted if predicted else 0.0
         return self._unit_asked(ratio, comparison.meaning, gross=True)
 

@@ -402,17 +402,18 @@ class NewestMinute:
         self._settle()
         return self._sums
 
-    def newest(self, time: float) -> Sums:
-        """Return the sums over the newest seconds.
+    def newest(self, time: float) -> list[Sums]:
+        """Return the sums of the newest seconds.
 
         Args:
             time: Compared time that they make at least, where there is as much. [s]
         """
-        found: Sums = [0, 0, 0]
+        found, length = list[Sums](), 0
         for _, sums in reversed(self.seconds):
-            if found[0] * NANOSECOND >= time:
+            if length * NANOSECOND >= time:
                 break
-            found = [a + b for a, b in zip(found, sums, strict=True)]
+            found.append(sums)
+            length += sums[0]
         return found
 
     @property

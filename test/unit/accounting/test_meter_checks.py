@@ -126,6 +126,18 @@ def test_a_unit_that_changes_is_named_before_the_minute_is_over(before, after, a
     ]
 
 
+def test_a_balance_near_zero_is_no_unit_that_changes():
+    """Over eight seconds 800 J were measured and 0.8 J predicted, but not second by second."""
+    bench = Bench()
+    assert bench.run(60, 100.0) == []
+    seconds = bench.comparison.minute.seconds
+    for place in range(-8, 0):
+        number, (time_ns, measured, _) = seconds[place]
+        predicted = 100 * SECOND if place % 2 else -998 * SECOND // 10
+        seconds[place] = number, [time_ns, measured, predicted]
+    assert bench.judgement.findings(bench.comparison) == []
+
+
 def test_a_short_stretch_of_turned_sign_is_no_finding_where_both_ways_occur():
     bench = Bench()
     bench.run(2, -150.0, predicted=-20.0)

@@ -8,7 +8,13 @@ import pytest
 
 from page_messages import JOINTS, power_states, recorded, registers
 from robot_energy.timeline.blocks import Quality
-from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES, PageFinding
+from robot_energy_report.page.alarms import (
+    OUTSIDE_FIT,
+    QUALITY_REMEDIES,
+    REMEDY,
+    SUBJECT_REMEDIES,
+    PageFinding,
+)
 from robot_energy_report.page.hub import MAX_ROBOTS, PageHub
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.robot_state import STALE_AFTER, RobotState
@@ -122,7 +128,7 @@ def test_an_extrapolation_is_one_alarm_with_motor_range_and_remedy(state):
     bits = np.uint32(Quality.EXTRAPOLATED)
     remedy = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
     said = "the motor of a1 is at 66.2 degC, fitted from 22 to 63 degC"
-    values = {f"{OUTSIDE_FIT}a1": "66.2 degC", "findings": "1"}
+    values = {f"{OUTSIDE_FIT}a1": "66.2 degC", f"{REMEDY}1": remedy, "findings": "1"}
     name = "friction_monitor: motor temperatures"
     finding = PageFinding.of_status(1, name, f"{remedy}: {said}", values)
     state.take_power(power_states([1.0], [100.0], quality=bits), 5.0)
@@ -131,6 +137,18 @@ def test_an_extrapolation_is_one_alarm_with_motor_range_and_remedy(state):
     assert (alarm["name"], alarm["message"], alarm["remedy"]) == (name, said, remedy)
     state.take_findings([PageFinding.of_status(0, name, "all is well", {})])
     assert [one["name"] for one in state.snapshot(5.0)["alarms"]] == ["EXTRAPOLATED"]
+
+
+def test_what_to_do_is_that_of_the_finding_and_the_general_words_are_for_others():
+    name, own = "power_monitor: energy", "give all monitors the same model file"
+    said = "all 1 messages on /energy/joint_friction rejected"
+    values = {f"{REMEDY}1": own, "findings": "1", "received": "7"}
+    alarm = PageFinding.of_status(2, name, f"{own}: {said}", values)
+    assert (alarm.message, alarm.remedy) == (said, own)
+    assert alarm.values == {"findings": "1", "received": "7"}
+    more = PageFinding.of_status(2, name, f"{own}: {said}; other", values | {"findings": "2"})
+    assert more.message == f"{said}; other"
+    assert more.remedy == f"{SUBJECT_REMEDIES['energy']}; {own}"
 
 
 def test_every_quality_bit_that_asks_for_something_has_a_remedy():
