@@ -24,6 +24,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.replay.replay_steps import LoadIngest
+from robot_energy.results.base import Result, Texts
 from robot_energy.timeline.blocks import Float, Int, MeterBlock, Rows
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.bounds import identified
@@ -218,6 +219,16 @@ class LoadsFit(Described):
     held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
     used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
     notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."]
+
+
+class LoadStatesReport(Result, name="auxiliary"):
+    """Powers of the states of auxiliary loads."""
+
+    fits: Annotated[
+        tuple[LoadsFit, ...],
+        "One for each load with a meter, one for all behind that of the outlet.",
+    ]
+    refused: Annotated[Texts, "Why others could not be identified, one sentence each."]
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:

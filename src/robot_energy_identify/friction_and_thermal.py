@@ -85,16 +85,23 @@ def find_friction(
     axes = [friction_data(recordings, joint) for joint in joints]
     air = model.temperature.ambient_degc
     gears, axes = fit_gears(axes, None if air is None else air.value, source)
-    fits, refused = fit_axes(axes, source)
-    if share:
-        fits = share_shape(fits, axes, source)
-    fits, implausible = check_friction(fits)
+    fits, refused = plausible_fits(axes, source, share)
     hold = fit_hold(recordings, with_friction(model, fits, source))
     names = [part.path.name for part in recordings]
     apart = recordings_apart(names, axes, fits, model)
     apart += recordings_without_temperature(recordings)
-    refused = (*refused, *implausible)
     return FrictionReport("measured", tuple(fits), refused, gears, hold, apart, falls)
+
+
+def plausible_fits(
+    axes: Sequence[FrictionData], source: str = "", share: bool = False
+) -> tuple[list[FrictionFit], Texts]:
+    """Return the friction of each axis where it is plausible, and why not that of the others."""
+    fits, refused = fit_axes(axes, source)
+    if share:
+        fits = share_shape(fits, axes, source)
+    fits, implausible = check_friction(fits)
+    return fits, (*refused, *implausible)
 
 
 def recordings_apart(

@@ -18,7 +18,7 @@ from robot_energy_identify.dynamics.validation import (
     TorqueError,
     temperature_remark,
 )
-from robot_energy_identify.results.identification import KINDS, ExcitationReport
+from robot_energy_identify.excitation.excitation import KINDS, ExcitationReport
 from robot_energy_identify.stats.cross_validation import FOLDS
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (

@@ -17,6 +17,7 @@ from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource
 from robot_energy_identify.auxiliary import (
     LoadsFit,
+    LoadStatesReport,
     fit_outlet,
     fit_own,
     outlet_readings,
@@ -57,7 +58,6 @@ from robot_energy_identify.refused_recordings import (
 )
 from robot_energy_identify.results.identification import (
     IdentificationReport,
-    LoadStatesReport,
     identification_report,
 )
 from robot_energy_identify.run_all import identify_everything, own_energies, with_provenance

@@ -255,7 +255,13 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
 
 
 def table_law(nodes: Float, viscous: Float, std: Float | None, source: str) -> TableLaw:
-    """Return a table of what was fitted at nodes [degC], nothing below 0, shape (K,) each."""
+    """Return a table of what was fitted at some temperatures, nothing below 0.
+
+    Args:
+        nodes: Temperatures, shape (K,). [degC]
+        viscous: Fitted there, shape (K,). [N m s/rad]
+        std: Of each; None where it does not show, shape (K,). [N m s/rad]
+    """
     above = viscous > 0.0
     below = ", ".join(f"{node:.0f}" for node in nodes[~above])
     return TableLaw(
@@ -329,7 +335,10 @@ def exponential_law(
 
     Args:
         figures: hot and cold [N m s/rad], and c [K].
-        known: Their covariance, shape (3, 3); None where it does not show.
+        middle: [degC]
+        degc: Of the samples, shape (N,). [degC]
+        known: Covariance of the figures, shape (3, 3), None where it does not show.
+            [units of the figures]
     """
     hot, cold, scale = figures
     lift = float(np.exp(middle / scale))

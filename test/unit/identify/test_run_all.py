@@ -307,6 +307,13 @@ def test_bodies_are_said_at_one_temperature(
     assert "was removed first" in whole.step("dynamics").notes[0]
 
 
+def test_dynamics_of_a_fold_keep_no_rows(folder: Path, model: RobotModel) -> None:
+    found = steps.dynamics_step(bags_in(folder), model, "bags", in_fold=True).found
+    assert isinstance(found, DynamicsReport)
+    assert len(found.result.observations.segment) == 0
+    assert list(found.torque_error) == ["held_out_model_file", "held_out_given_bodies"]
+
+
 def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:
     bags = bags_in(folder)
     assert order_of(bags) == (

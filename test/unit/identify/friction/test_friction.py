@@ -15,10 +15,9 @@ from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
-from robot_energy_identify.friction.temperature_study import Span, temperature_split
+from robot_energy_identify.friction.temperature_study import Span, axis_study, temperature_split
 from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_identify.plausibility import check_friction
-from robot_energy_identify.results.identification import axis_study
 from robot_energy_identify.stats.regression import jackknife
 from robot_energy_logs.log_import import open_logs
 from robot_energy_report.document import Document
@@ -457,10 +456,9 @@ def test_the_stribeck_term_goes_into_the_model_file():
 
 def test_a_law_that_cannot_be_fitted_leaves_the_other_rows():
     rising = measurement(law=lambda degc: 2e-3 + 1e-4 * (degc - 20.0))
-    study = temperature_split(rising, Span(high=45.0), Span(low=50.0))
-    assert {row.law for row in study.rows} == {"constant", "table"}
-    assert "does not fall with temperature" in study.refused[0]
-    found = axis_study("a", study, ())
+    found = axis_study(rising, Span(high=45.0), Span(low=50.0), shuffles=0)
+    assert {row.law for row in found.study.rows} == {"constant", "table"}
+    assert "does not fall with temperature" in found.study.refused[0]
     assert found.gain is None
     plain = found.to_dict()["study"]["rows"][0]
     assert plain["viscous"]["viscous"]["value"] == pytest.approx(3.2e-3, rel=0.1)
