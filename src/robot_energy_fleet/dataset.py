@@ -29,7 +29,7 @@ from robot_energy.foundation.files.output_files import GENERATOR, PARQUET, write
 from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.foundation.shown_text import shown
 from robot_energy_fleet.tables import (
-    RUNS,
+    REPORTED,
     SCHEMA,
     TABLES,
     FleetTables,
@@ -310,7 +310,7 @@ def read_tables(folder: str | Path) -> FleetTables:
     if is_history(folder):
         return history_tables(folder)
     named = [name for name in TABLES if name != "meter_errors"]
-    rows = collected(scan(folder).select(*RUNS, *named), folder)
+    rows = collected(scan(folder).select(*REPORTED, *named), folder)
     rows = rows.with_columns(pl.col("model_id").fill_null(""))
 
     def table(name: str) -> pl.DataFrame:

@@ -178,10 +178,10 @@ def test_a_bag_that_cannot_be_read_takes_no_row_away(tmp_path):
 
 def test_a_dataset_with_other_columns_is_refused(tmp_path):
     path = put(Dataset(tmp_path / "d"), "a-1-x")
-    for rows in (lambda own: own.drop("gap_ns"), lambda own: own.with_columns(gap=1)):
+    for rows in (lambda own: own.drop("observed_ns"), lambda own: own.with_columns(observed=1)):
         whole = path.read_bytes()
         rows(pl.read_parquet(path)).write_parquet(path)
-        with pytest.raises(DatasetError, match=r"a-1-x\.parquet cannot be read .*gap"):
+        with pytest.raises(DatasetError, match=r"a-1-x\.parquet cannot be read .*observed"):
             read_tables(tmp_path / "d")
         path.write_bytes(whole)
 

@@ -20,13 +20,16 @@ import robot_energy as re
 from histories import HOUR, Robot
 from logbook import wheel_bag, wheel_model, wheel_start
 from places import ROOT
+from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import DatasetError
+from robot_energy.messages.fields import ENERGY_REGISTERS
+from robot_energy.messages.registers import RegistersWriter
 from robot_energy_cli import main
 from robot_energy_fleet.bag_list import FleetModels, list_bags
-from robot_energy_fleet.bag_row import replay_bag
+from robot_energy_fleet.bag_row import reading_of, replay_bag
 from robot_energy_fleet.dataset import Dataset, read_tables, scan
 from robot_energy_fleet.fleet_run import FleetRun, in_turn, on_dask, run_fleet
-from robot_energy_history.readings import PHASES
+from robot_energy_history.readings import PHASES, ReadingDecoder
 from robot_energy_history.store import HistoryStore
 
 BAG = ROOT / "bags" / "kr16_all_topics"
@@ -348,6 +351,15 @@ def test_a_model_in_memory_is_that_of_its_file(hall, tmp_path):
 def test_workers_that_cannot_be_are_refused(words, hall, tmp_path):
     with pytest.raises(re.ParameterError):
         re.fleet_run(hall / "r1" / "bag1", tmp_path / "d", "kr16", **words)
+
+
+def test_a_reading_of_a_bag_is_what_a_recorder_decodes():
+    own = re.replay(WARM, "kr16", effort="motor_torque")
+    account, minute_ns = own.replay.account, 7 * 60 * 10**9
+    writer = RegistersWriter(own.model.joint_names, own.model.model_id)
+    message = writer.encode(account, True, minute_ns)[0].tobytes()
+    batch = RawBatch.from_messages("energy/registers", ENERGY_REGISTERS, [0], [message])
+    assert ReadingDecoder().decode(batch) == [reading_of(account, own.model, minute_ns)]
 
 
 def test_registers_are_those_of_a_replay(hall, sequential):
