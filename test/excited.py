@@ -10,7 +10,7 @@ from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels
 from robot_energy_plan.motion import Trajectory
 
 

@@ -15,18 +15,6 @@ from robot_energy_rig import virtual_rig
 from robot_energy_studies import generated_fleet
 from robot_energy_studies.generated_fleet import FleetPlan
 
-MICRO = 1e6
-EXACT = {
-    "observed_time": "observed_ns",
-    "time": "observed_ns",
-    "gap_time": "gap_ns",
-    "grid_energy": "grid_import_microjoule",
-    "energy": "grid_import_microjoule",
-    "brake_energy": "brake_microjoule",
-    "measured_energy": "measured_microjoule",
-    "predicted_energy_at_meter": "predicted_at_meter_microjoule",
-}
-
 
 def fleet(robots, faults=True, days=5, cycles=3) -> FleetTables:
     """A week of some robots; with faults one has another payload, one stands by at night."""
@@ -82,9 +70,12 @@ def written(folder, tables) -> Path:
 
 def exact(row) -> dict:
     """A row with energies and times as the whole numbers of a dataset."""
-    found = dict(row) | {"grid_return_microjoule": 0}
-    for name, other in EXACT.items():
-        value = found.get(name)
-        if value is not None:
-            found[other] = round(value * (MICRO if other.endswith("joule") else 1e9))
+    found = {}
+    for name, value in row.items():
+        if "_energy" in name:
+            name = name.replace("grid", "predicted_import").replace("energy", "microjoule")
+            value = None if value is None else round(value * 1e6)
+        elif name.endswith("_time") and "joint" not in row:
+            name, value = f"{name[:-4]}ns", None if value is None else round(value * 1e9)
+        found[name] = value
     return found

@@ -15,8 +15,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.friction.friction import falling_torque, fit_friction, fit_laws
 from robot_energy_identify.friction.further_terms import with_exponent
-from robot_energy_identify.friction.held_out import law_torque
-from robot_energy_identify.friction.laws import fit_law
+from robot_energy_identify.friction.laws import fit_law, law_torque
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.stats.cross_validation import predict_held_out, relative_error, rms_of
 
@@ -58,7 +57,7 @@ def _temperature(train: FrictionData, seen: FrictionData) -> Float:
 
 
 def _load(train: FrictionData, seen: FrictionData) -> Float:
-    if not len(train.load):
+    if train.rigid is None:
         raise NotIdentifiableError(f"the bodies of {train.name} are not known", "a model")
     return law_torque(*fit_law(_law(train), train.by_load(np.inf)), seen.by_load(np.inf))
 
@@ -66,7 +65,7 @@ def _load(train: FrictionData, seen: FrictionData) -> Float:
 def _exponent(train: FrictionData, seen: FrictionData) -> Float:
     """With friction by load where bodies are known."""
     name = _law(train)
-    if len(train.load):
+    if train.rigid is not None:
         train, seen = train.by_load(np.inf), seen.by_load(np.inf)
     bent, _ = with_exponent(fit_law(name, train)[0], train)
     power = {"exponent": bent.exponent, "exponent_velocity": bent.exponent_velocity}
@@ -130,9 +129,7 @@ def held_out_terms(data: FrictionData, fold: Int) -> TermErrors:
     """
 
     def of(predict: Predict) -> Float:
-        return predict_held_out(
-            fold, lambda train, test: predict(data.rows(train), data.rows(test))
-        )
+        return predict_held_out(fold, lambda train, test: predict(data[train], data[test]))
 
     return _errors(data.friction_torque, of, shown_terms(data))
 

@@ -12,9 +12,10 @@ import pytest
 from rich.console import Console, Group
 
 from robot_energy.foundation.shown_text import shown_lines
-from robot_energy_report import layout, printing
+from robot_energy_report import printing
 from robot_energy_report.document import Document, Illustration, Table, Text
 from robot_energy_report.formats import typeset
+from robot_energy_report.printing import fitted_table
 
 WIDTHS = range(20, 201, 13)  # every width: `test_any_table_is_whole_at_any_width`
 TERMINALS = (60, 80, 200)  # columns
@@ -29,7 +30,7 @@ def recorded_tables() -> Iterator[list[tuple[Any, ...]]]:
         columns: Sequence[str], rows: Sequence[Sequence[str]], width: int, total: Any = None
     ) -> Group:
         found.append((columns, rows, total))
-        return layout.fitted_table(columns, rows, width, total)
+        return fitted_table(columns, rows, width, total)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(printing, "fitted_table", record)
@@ -41,9 +42,7 @@ def lost(
 ) -> Counter[str]:
     """Words of headings and cells that a terminal of this width does not show."""
     stream = io.StringIO()
-    Console(file=stream, width=width).print(
-        layout.fitted_table(columns, rows, width, total), crop=False
-    )
+    Console(file=stream, width=width).print(fitted_table(columns, rows, width, total), crop=False)
     shown = Counter(stream.getvalue().split())
     return (
         Counter(" ".join((*columns, *(c for r in rows for c in r), *(total or ()))).split()) - shown

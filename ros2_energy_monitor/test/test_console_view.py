@@ -29,6 +29,7 @@ def state(**changes):
         "brake_power": 22.6,
         "capacitor_power": -0.7,
     }
+    period = changes.pop("period", 1.0)
     parts |= changes
     joint = JointPower(name="joint_a1", drive_power=12345.6, friction_power=1.0, coulomb=0.5)
     return PowerState(
@@ -36,7 +37,7 @@ def state(**changes):
         measured_power=1150.0,
         predicted_power_at_meter=983.0,
         residual_power=-167.0,
-        period=1.0,
+        period=period,
         coverage=1.0,
         joints=[joint],
         **parts,
@@ -154,6 +155,21 @@ def test_what_was_counted_is_shown_while_the_robot_is_off(board):
     assert totals in " ".join(word for row in words(off, 200) for word in row)
     off.registers.measured_energy = math.nan
     assert off.line(106.0) == "no power state yet; counted 7.00 Wh from the grid; all is well"
+
+
+@pytest.mark.parametrize(("period", "late"), [(0.04, 2.1), (10.0, 30.1)])
+def test_powers_that_are_old_are_not_shown(board, period, late):
+    """Neither as those of now nor next to words that say so; slow powers have more time."""
+    board.take_power(state(period=period), 0.0)
+    assert "friction" in board.line(late - 0.2)
+    board.registers.observed_time = 60.0
+    board.registers.predicted_import_energy = 7.5 * 3600.0
+    assert board.line(late).startswith(f"no power state for {late:.0f} s; counted 7.50 Wh")
+    assert "friction" not in board.line(late)
+    text = " ".join(str(part) for part in board.table(late, 200).renderables)
+    assert text == board.line(late)
+    board.take_power(state(period=period), late)
+    assert board.line(late).startswith("from the grid")
 
 
 def test_registers_that_observed_no_time_are_no_result(board):

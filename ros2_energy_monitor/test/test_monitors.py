@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -24,7 +26,8 @@ from ros2_energy_msgs.msg import (
 )
 from sensor_msgs.msg import JointState, Temperature
 
-from robot_energy.foundation.errors import ModelFileError
+import robot_energy
+from robot_energy.foundation.errors import ModelFileError, ParameterError
 from robot_energy.timeline.blocks import Quality
 from ros2_energy_monitor.base.parameters import parameter_lines
 from ros2_energy_monitor.base.publishers import latched
@@ -33,6 +36,7 @@ from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
 from ros2_energy_monitor.nodes.torque_monitor import TorqueMonitor
 
+MODELS = Path(robot_energy.__file__).parent / "models"
 JOINTS = [f"joint_a{axis}" for axis in range(1, 7)]
 MONITORS = [TorqueMonitor, FrictionMonitor, PowerMonitor, EnergyMonitor]
 
@@ -77,6 +81,130 @@ def test_a_missing_friction_monitor_is_said(bench):
         return sentence[:30] not in diagnosed["power_monitor: energy"].message
 
     bench.spin_until(arrived, "friction of before any temperature")
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"),
+    [
+        ("joint_states", "topic '/joint_states' cannot be read as MotorTemperatures; expected a"),
+        ("motors of the arm", "'motors of the arm' cannot be the name of a topic; expected le"),
+    ],
+)
+def test_a_topic_that_cannot_be_subscribed_is_named(bench, topic, words):
+    with pytest.raises(ParameterError, match=words):
+        bench.add(EnergyMonitor, model="kr16", state_folder="", **{"motors.topic": topic})
+
+
+def test_friction_of_another_model_or_of_a_node_that_has_ended_is_said(bench, tmp_path):
+    """Friction is published when it changes: what is wrong is said until other friction comes."""
+    other = tmp_path / "kr16.yaml"
+    text = (MODELS / "kr16.yaml").read_text().replace("path: kr16", f"path: {MODELS}/kr16")
+    other.write_text(text.replace("fallback_degc: 22", "fallback_degc: 23"))
+    power = bench.add(PowerMonitor, model="kr16", state_folder="")
+    diagnosed, name = bench.diagnosed(), "power_monitor: energy"
+    friction = bench.add(FrictionMonitor, model=str(other))
+    bench.spin_until(lambda: power.frictions.received, "friction of the other model")
+    for _ in range(3):
+        status = diagnosed.wait_anew(name, "messages on /energy/joint_friction rejected")
+        assert "give all monitors the same model file: all 1 messages" in status.message
+    assert "and none since, most as other_model" in status.message
+    bench.remove(friction)
+    friction = bench.add(FrictionMonitor, model="kr16")
+    bench.spin_until(lambda: "friction" not in diagnosed[name].message, "friction of the model")
+    bench.remove(friction)
+    ended = "start friction_monitor: /energy/joint_friction has no publisher any more"
+    diagnosed.wait(name, ended)
+
+
+def test_a_power_that_is_not_known_is_said_while_it_is_so(bench, messages):
+    """A joint state alone between two gaps is no reason for a warning that never ends."""
+    node = bench.add(EnergyMonitor, model="kr16", state_folder="")
+    diagnosed, name = bench.diagnosed(), "energy_monitor: energy"
+    publisher = bench.publisher(JointState, "joint_states")
+    states = messages["/joint_states"]
+    for message in (*states[:100], states[200], *states[300:400]):
+        publisher.publish(message)
+    diagnosed.wait(name, "the power of some joint states of the last second is not known")
+    diagnosed.wait_anew(name, "no publisher on /power_meter")
+    assert "not known" not in diagnosed[name].message
+    assert node.account.counts.quality[Quality.NOT_FINITE] == 1
+
+
+@pytest.mark.parametrize("before", [0, 50])
+def test_names_with_a_prefix_are_said_with_the_line_that_fits(bench, messages, before):
+    """From the start, or from a restart of the driver on."""
+    bench.add(TorqueMonitor, model="kr16")
+    diagnosed, name = bench.diagnosed(), "torque_monitor: joint states"
+    publisher = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:before]:
+        publisher.publish(message)
+    diagnosed.wait_anew(name, "no joint state")
+    for message in messages["/joint_states"][before:100]:
+        state = deserialize_message(message, JointState)
+        state.name = [f"left/{name}" for name in JOINTS]
+        publisher.publish(state)
+    names = ", ".join(f"left/{name}" for name in JOINTS)
+    diagnosed.wait(name, f"set joint_states.joint_names to [{names}]: ")
+
+
+def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
+    bench.add(EnergyMonitor, model="kr16", state_folder="")
+    diagnosed = bench.diagnosed()
+    states = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:50]:
+        states.publish(message)
+    diagnosed.wait_anew("energy_monitor: joint states", "no joint state for")
+    states.publish(joint_state(0))
+    bench.publisher(PowerReading, "power_meter").publish(PowerReading())
+    for name, group in (("joint states", "joint_states"), ("energy", "meter")):
+        setting = f"let the driver set the stamp, or set {group}.stamp_source to receive: all 1 mes"
+        diagnosed.wait(f"energy_monitor: {name}", setting)
+
+
+READINGS = {"location": PowerReading.LOCATION_GRID, "meaning": PowerReading.MEANING_INSTANTANEOUS}
+OTHERS = {"location": PowerReading.LOCATION_DC_BUS, "meaning": PowerReading.MEANING_INSTANTANEOUS}
+
+
+@pytest.mark.parametrize(
+    ("readings", "remedy", "reason"),
+    [
+        (
+            [{"meaning": 1}],
+            "let the publisher set location to 1 (grid) or 2 (DC bus)",
+            "unknown_location",
+        ),
+        (
+            [{"location": 1}],
+            "let the publisher set meaning to 1, 2 or 3, as PowerReading says",
+            "unknown_meaning",
+        ),
+        (
+            [READINGS, OTHERS],
+            "where its meaning or place has changed, restart the monitor",
+            "changed_meaning",
+        ),
+    ],
+)
+def test_readings_that_are_all_rejected_are_said_with_what_to_do(bench, readings, remedy, reason):
+    bench.add(PowerMonitor, model="kr16", state_folder="")
+    diagnosed, name = bench.diagnosed(), "power_monitor: energy"
+    publisher = bench.publisher(PowerReading, "power_meter")
+    for second, fields in enumerate(readings, 1):
+        message = PowerReading(power=100.0, **fields)
+        message.header.stamp.sec = second
+        publisher.publish(message)
+        status = diagnosed.wait_anew(name, "no joint torque")
+    assert f"{remedy}: all 1 messages on /power_meter rejected" in status.message
+    assert f"most as {reason}" in status.message
+
+
+def test_temperatures_of_other_joints_are_said_with_the_setting(bench):
+    bench.add(FrictionMonitor, model="kr16")
+    message = temperatures(1)
+    message.joint_names = [f"axis_{number}" for number in range(6)]
+    bench.publisher(MotorTemperatures, "motor_temperatures").publish(message)
+    words = "set joints and names of the source: every message on /motor_temperatures is rejected"
+    bench.diagnosed().wait("friction_monitor: motor temperatures", words)
 
 
 def test_a_remark_is_logged_once(bench, capfd):

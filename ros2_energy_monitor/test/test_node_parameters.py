@@ -167,7 +167,7 @@ def test_missing_required_parameter(bench, given):
         bench.add(Any, **given)
     sentence = str(caught.value)
     assert sentence.startswith("torque_monitor was started without its parameter 'model'")
-    assert "-p model:=" in sentence
+    assert sentence.endswith("start with --ros-args -p model:=VALUE.")
     assert "\n" not in sentence
 
 

@@ -346,4 +346,6 @@ def test_commands_refuse_in_one_sentence(monkeypatch, capfd, tmp_path):
         return "".join(capfd.readouterr())
 
     assert len(said("player", str(tmp_path / "none")).splitlines()) == 1
-    assert "--rate: is 0; expected a finite number > 0" in said("player", "bag", "--rate", "0")
+    for given in ("0", "fast"):
+        words = f"--rate: is {given}; expected a finite number > 0"
+        assert words in said("player", "bag", "--rate", given)

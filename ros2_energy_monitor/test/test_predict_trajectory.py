@@ -201,6 +201,7 @@ def test_what_cannot_be_predicted_is_refused(client):
     for request in REFUSED:
         answer = client.ask(**request)
         assert not answer.success
+        assert math.isnan(answer.predicted_import_energy + answer.duration)
         assert "expected" in answer.message
         assert client.ask(trajectory=swing()).success
 

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import threading
@@ -24,6 +25,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from ros2_energy_msgs.msg import EnergyRegisters, PowerState
 from ros2_energy_msgs.srv import (
@@ -36,7 +38,7 @@ from ros2_energy_msgs.srv import (
 from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.foundation.errors import StateFileError
+from robot_energy.foundation.errors import ParameterError, StateFileError
 from robot_energy.store import slots
 from robot_energy.store.slots import unwrap
 from ros2_energy_monitor.base import checkpoints
@@ -193,6 +195,12 @@ def test_where_the_files_are(monkeypatch, tmp_path):
     monkeypatch.delenv("ROS_HOME")
     assert folder_of("$ROS_HOME/robot_energy") == Path.home() / ".ros/robot_energy"
     assert folder_of("~/kept") == Path.home() / "kept"
+    monkeypatch.setenv("CELL", str(tmp_path))
+    assert folder_of("$CELL/kept") == folder_of("${CELL}/kept") == tmp_path / "kept"
+    with pytest.raises(
+        ParameterError, match=r"'/var/\$HALL/kept' names a variable that is not set"
+    ):
+        folder_of("/var/$HALL/kept")
     assert folder_of("") is folder_of("none") is None
 
 
@@ -302,7 +310,19 @@ def test_power_monitor_serves_too(bench):
     node = bench.add(PowerMonitor, **FAST)
     answer = call(bench, node, CloseInterval, "close_interval", name="job")
     assert answer.message == "no interval 'job' is open; expected an open interval; none is."
+    assert math.isnan(answer.interval.predicted_import_energy)
     assert not call(bench, node, ListIntervals, "list_intervals").intervals
+
+
+def test_a_hundred_requests_at_once_are_all_answered(bench):
+    """By default ROS keeps ten requests of a service, and loses the others without a word."""
+    node = bench.add(PowerMonitor, **FAST)
+    many = QoSProfile(depth=100)
+    name = f"{node.get_name()}/list_intervals"
+    client = bench.tester.create_client(ListIntervals, name, qos_profile=many)
+    bench.spin_until(client.service_is_ready, "the service")
+    answers = [client.call_async(ListIntervals.Request()) for _ in range(100)]
+    bench.spin_until(lambda: all(answer.done() for answer in answers), "the answers")
 
 
 def test_a_disk_in_trouble_and_back(bench, messages, tmp_path):

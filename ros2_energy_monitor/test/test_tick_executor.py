@@ -30,7 +30,11 @@ LIMIT = 120.0  # s; then the test fails
 class Counting(TickExecutor):
     """Counts the wait sets."""
 
-    waits = 0
+    waits = looks = 0
+
+    def _execute_all(self):
+        self.looks += 1
+        super()._execute_all()
 
     def _wait_for_ready_callbacks(self, *arguments, **keywords):
         self.waits += 1
@@ -68,6 +72,23 @@ def test_timers_run_between_looks_at_services(executor):
     spin_until(executor, lambda: future.done() and len(called) > 50)
     # Most of them come without a wait set, as soon as the machine has time for it.
     spin_until(executor, lambda: len(set(called)) < len(called) / 2)
+
+
+def test_requests_that_wait_are_answered_at_one_look(executor):
+    (node,) = executor.get_nodes()
+    looks: set[int] = set()
+
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        looks.add(executor.looks)
+        return response
+
+    many = QoSProfile(depth=50)
+    node.create_service(Trigger, "done", answer, qos_profile=many)
+    client = node.create_client(Trigger, "done", qos_profile=many)
+    spin_until(executor, client.service_is_ready)
+    futures = [client.call_async(Trigger.Request()) for _ in range(50)]
+    spin_until(executor, lambda: all(future.done() for future in futures))
+    assert len(looks) < 10
 
 
 def test_a_timer_may_destroy_another_and_a_fault_comes_out(executor):

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +85,6 @@ def _run(args: Namespace) -> int:
     from robot_energy_identify.drives.all_drives import find_drives
     from robot_energy_identify.plausibility import check_drives, check_total
     from robot_energy_identify.provenance import hashed, identified_from
-    from robot_energy_identify.results.identification import drives_report
     from robot_energy_report.drives import efficiency_maps, mapped
 
     IdentifyInputs(args).check_results()
@@ -95,12 +95,12 @@ def _run(args: Namespace) -> int:
     if found.drives is not None:
         check_drives(data, found.drives)
     elif found.total is not None:
-        check_total(found.total.data, found.total.scores)
+        check_total(found.total.data, found.total.ways)
     written, notes = (None, []) if model is None else found.write(model, source)
     if written is not None:
         done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
         written = written.changed(provenance=identified_from(written.provenance, done, bags))
-    report = drives_report(found, torque, [*moved, *notes])
+    report = replace(found, torque=torque, notes=(*moved, *notes))
     maps = mapped(found.drives)
     present(
         args,

@@ -32,12 +32,9 @@ from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
-    from robot_energy_identify.data.signals import Channels
+    from robot_energy_identify.data.observations import Channels
     from robot_energy_identify.dynamics.dynamics import DynamicsSettings
     from robot_energy_report.dynamics import ReferenceValues
-
-    # Model, stretches of every recording by its name, sources, friction known from elsewhere.
-    Read = tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]
 
 
 OPTIONS: Options = {
@@ -70,41 +67,38 @@ OPTIONS: Options = {
 
 
 def _run(args: Namespace) -> int:
-    from robot_energy_identify.dynamics.dynamics import identify_dynamics
-    from robot_energy_identify.dynamics.dynamics_model import to_model
-    from robot_energy_identify.dynamics.leave_one_out import across_recordings
-    from robot_energy_identify.plausibility import check_dynamics
-    from robot_energy_identify.provenance import hashed
-    from robot_energy_identify.refused_recordings import cause_named, evidence_of_rows
-    from robot_energy_identify.results.dynamics import dynamics_report
+    from robot_energy_identify.api.identify import dynamics_of, identify_dynamics
 
-    IdentifyInputs(args).check_results()
-    IdentifyInputs(args).check_source(needs_effort=True)
-    model, recordings, sources, reference = _log(args) if args.log else _bags(args)
+    given, reference = IdentifyInputs(args), None
+    given.check_results()
+    given.check_source(needs_effort=True)
     settings = _settings(args)
-    channels = [part for stretches in recordings.values() for part in stretches]
-    result = identify_dynamics(channels, model, settings)
-    held_out, consistent = result.held_out(), result.held_out_consistent()
-    with cause_named(lambda: [evidence_of_rows(result)]):
-        check_dynamics(result, consistent)
-    bags = [] if args.log else [Path(bag) for bag in args.bags]
-    written = to_model(result, [hashed(bag) for bag in bags] or sources)
-    across = across_recordings(recordings, model, settings) if len(recordings) > 1 else None
-    report = dynamics_report(result, held_out, consistent, across=across)
+    if args.log:
+        model, recordings, sources, reference = _log(args)
+        result = dynamics_of(recordings, model, settings, sources)
+    else:
+        sources = [Path(bag).name for bag in args.bags]
+        result = identify_dynamics(given.bags(), args.model, settings=settings)
+    model = result.model
     present(
         args,
-        report,
+        result.found,
         f"Dynamics of {model.robot.type}",
-        f"Identified from {', '.join(sources)}. Model {written.model_id}.",
-        model=written,
+        f"Identified from {', '.join(sources)}. Model {model.model_id}.",
+        model=model,
         reference=reference,
         details=args.details,
     )
     return 0
 
 
-def _log(args: Namespace) -> Read:
-    """Read tables by their mapping; with --data the mapping is what --log names."""
+def _log(
+    args: Namespace,
+) -> tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]:
+    """Model, stretches by recording, names and friction known from elsewhere, by a mapping.
+
+    With --data the mapping is what --log names.
+    """
     from robot_energy.model import load
     from robot_energy_identify.data.log_channels import model_of, read_channels
     from robot_energy_logs.mapping import load_mapping
@@ -122,14 +116,6 @@ def _log(args: Namespace) -> Read:
     )
     recordings = read_channels(tables, mapping, model)
     return model, recordings, mapping.files or [Path(name).name for name in tables], reference
-
-
-def _bags(args: Namespace) -> Read:
-    from robot_energy.model import load
-
-    model = load(args.model)
-    recordings = IdentifyInputs(args).bags().channels(model)
-    return model, recordings, [Path(bag).name for bag in args.bags], None
 
 
 def _settings(args: Namespace) -> DynamicsSettings:

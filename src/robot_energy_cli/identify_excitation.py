@@ -86,7 +86,6 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation
     from robot_energy_identify.excitation.limits import ExcitationLimits
-    from robot_energy_identify.results.dynamics import excitation_report
     from robot_energy_plan.motion.joint_trajectory import (
         check_sampling,
         points,
@@ -116,7 +115,7 @@ def _run(args: Namespace) -> int:
         write_trajectory(folder / BAG, names, time, path, args.overwrite)
         write_csv(folder / CSV, names, time, path)
         made = f"{CSV} and {BAG}, {len(time)} points"
-        present(args, excitation_report(found), made=made)
+        present(args, found, made=made)
     return 0
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 from argparse import ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING
 
-from robot_energy.foundation.errors import ModelFileError, NotIdentifiableError
+from robot_energy.foundation.errors import ModelFileError
 from robot_energy_cli.command import Command, Options, flags
 from robot_energy_cli.identify_inputs import (
     LOG,
@@ -35,9 +35,6 @@ from robot_energy_identify.options import IdentifyOptions
 if TYPE_CHECKING:
     from robot_energy_identify.friction.samples import FrictionData
     from robot_energy_identify.friction.temperature_study import Span
-    from robot_energy_identify.results.identification import AxisStudy
-
-SHUFFLES = 20
 
 
 def _span(text: str) -> Span:
@@ -56,7 +53,8 @@ def _span(text: str) -> Span:
 
 def _run(args: Namespace) -> int:
     from robot_energy.model import load
-    from robot_energy_identify.results.identification import FrictionReport, FrictionStudyReport
+    from robot_energy_identify.friction.temperature_study import FrictionStudyReport, axis_study
+    from robot_energy_identify.friction_and_thermal import FrictionReport, plausible_fits
     from robot_energy_report.identification import friction_over_temperature
 
     given = IdentifyInputs(args)
@@ -68,22 +66,15 @@ def _run(args: Namespace) -> int:
     source = given.names()
     if args.train is not None:
         axes = _of_log(given) if args.log else given.bags().friction_data(load(args.model))
-        studies = FrictionStudyReport(tuple(_study(axis, args) for axis in axes))
+        found = tuple(axis_study(axis, args.train, args.test) for axis in axes)
+        studies = FrictionStudyReport(found)
         title = "Friction at temperatures that were not seen"
         present(args, studies, title, source, notes=given.log_notes)
         return 0
     model = None
     if args.log:
-        from robot_energy_identify.friction.friction import fit_axes
-        from robot_energy_identify.friction.shared_shape import share_shape
-        from robot_energy_identify.plausibility import check_friction
-
-        axes = _of_log(given)
-        fits, refused = fit_axes(axes)
-        if args.share_shape:
-            fits = share_shape(fits, axes)
-        fits, implausible = check_friction(fits)
-        report = FrictionReport("log", tuple(fits), (*refused, *implausible))
+        fits, refused = plausible_fits(_of_log(given), share=args.share_shape)
+        report = FrictionReport("log", tuple(fits), refused)
     else:
         from robot_energy_identify.api.identify import identify_friction
 
@@ -106,23 +97,6 @@ def _of_log(given: IdentifyInputs) -> list[FrictionData]:
 
     parts, names = given.columns_of_log()
     return [friction_data_of_log(parts, names, j) for j in range(len(names))]
-
-
-def _study(axis: FrictionData, args: Namespace) -> AxisStudy:
-    from robot_energy_identify.friction.temperature_study import shuffled, temperature_split
-    from robot_energy_identify.results.identification import axis_study, exponential_gain
-
-    study = temperature_split(axis, args.train, args.test)
-    chance: list[float] = []
-    for seed in range(SHUFFLES):
-        try:
-            other = temperature_split(shuffled(axis, seed), args.train, args.test)
-        except NotIdentifiableError:
-            continue
-        gain = exponential_gain(other)
-        if gain is not None:
-            chance.append(gain)
-    return axis_study(axis.name, study, chance)
 
 
 OPTIONS: Options = {

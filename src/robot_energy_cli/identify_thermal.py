@@ -24,7 +24,7 @@ from robot_energy_cli.identify_inputs import LOG, IdentifyInputs, bag_options, r
 from robot_energy_cli.terminal import present
 
 if TYPE_CHECKING:
-    from robot_energy_identify.results.identification import ThermalReport
+    from robot_energy_identify.friction_and_thermal import ThermalReport
 
 
 def _degc(text: str) -> float:
@@ -52,9 +52,8 @@ def _run(args: Namespace) -> int:
 
 
 def _of_log(given: IdentifyInputs, ambient_degc: float | None) -> ThermalReport:
-    from robot_energy_identify.results.identification import ThermalReport
-    from robot_energy_identify.thermal.network import fit_networks
-    from robot_energy_identify.thermal.windows import runs_of_log
+    from robot_energy_identify.friction_and_thermal import ThermalReport
+    from robot_energy_identify.thermal.network import fit_networks, runs_of_log
 
     parts, names = given.columns_of_log()
     runs = [runs_of_log(parts, joint) for joint in range(len(names))]

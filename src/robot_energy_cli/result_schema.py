@@ -24,17 +24,17 @@ from robot_energy.results.base import SCHEMA_VERSION, Result, json_value
 from robot_energy.results.replay import ReplayReport
 from robot_energy_fleet.results.advice import AdviceReport
 from robot_energy_fleet.results.fleet import FleetFriction, FleetReport, FleetRunReport
+from robot_energy_identify.auxiliary import LoadStatesReport
+from robot_energy_identify.cabinet.supply import CabinetReport
 from robot_energy_identify.check.finding import CheckReport
-from robot_energy_identify.results.dynamics import DynamicsReport, ExcitationReport
+from robot_energy_identify.drives.all_drives import DrivesReport
+from robot_energy_identify.dynamics.dynamics import DynamicsReport
+from robot_energy_identify.excitation.excitation import ExcitationReport
+from robot_energy_identify.friction.temperature_study import FrictionStudyReport
+from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
 from robot_energy_identify.results.evaluation import EvaluationReport
 from robot_energy_identify.results.identification import (
-    CabinetReport,
-    DrivesReport,
-    FrictionReport,
-    FrictionStudyReport,
     IdentificationReport,
-    LoadStatesReport,
-    ThermalReport,
 )
 from robot_energy_plan.results.optimization import OptimizationReport
 from robot_energy_plan.results.prediction import PredictionsReport

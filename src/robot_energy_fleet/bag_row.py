@@ -5,17 +5,16 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 from robot_energy import __version__
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
-from robot_energy.bag.cdr.decode import RawBatch
-from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
@@ -23,9 +22,10 @@ from robot_energy.foundation.kinds import load_kinds
 from robot_energy.foundation.process_memory import keep_freed_memory, peak_memory
 from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.messages.fields import ENERGY_REGISTERS
-from robot_energy.messages.registers import RegistersWriter
+from robot_energy.messages.fields import EXACT_FIELDS
+from robot_energy.messages.registers import exact_columns
 from robot_energy.model import RobotModel
+from robot_energy.pipeline import Output
 from robot_energy.replay.bag_replay import Replay, replay
 from robot_energy.replay.recorded_jobs import MAX_LATE_NS, load_jobs
 from robot_energy.replay.setup import ReplaySetup
@@ -36,10 +36,18 @@ from robot_energy_fleet.bag_list import FleetBag
 from robot_energy_fleet.bag_places import BagPlace, file_system
 from robot_energy_fleet.bag_sums import HourSums, MeterErrors
 from robot_energy_fleet.dataset import UNKNOWN_DATE, RowKey, row_bytes
-from robot_energy_fleet.tables import JOINT_ENERGIES, SCHEMA, TABLES
+from robot_energy_fleet.tables import AT_METER, JOINT_ENERGIES, SCHEMA, TABLES
 from robot_energy_history.bags import BagReadings
-from robot_energy_history.readings import Reading, ReadingDecoder
+from robot_energy_history.database import JOB_SUMS
+from robot_energy_history.readings import (
+    COLUMNS,
+    FROM_MESSAGE,
+    JOINT_COLUMNS,
+    OF_JOINTS,
+    Reading,
+)
 from robot_energy_identify.blas_threads import one_thread
+from robot_energy_identify.provenance import sha256_of
 
 Row = dict[str, Any]
 _load_kinds = cache(load_kinds)  # of the user, which a worker has not loaded yet
@@ -95,7 +103,7 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
         with contextlib.ExitStack() as stack:
             scratch = stack.enter_context(TemporaryFolder()).path
             path = _here(bag.place, scratch, max_scratch)
-            bag_hash = _hash_of(path, bag.place)
+            bag_hash = sha256_of(path)
             return _replayed(bag, bag_hash, path, model, scratch)
     except Exception as error:  # a bag stops no fleet
         return refused(bag, error, None if isinstance(error, OSError) else bag_hash)
@@ -118,33 +126,24 @@ def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:
     return target if place.is_folder else target / PurePosixPath(place.address).name
 
 
-def _hash_of(path: Path, place: BagPlace) -> str:
-    """SHA-256 of the files with messages, in the order of names."""
-    whole = hashlib.sha256()
-    for address in place.files:
-        name = PurePosixPath(address).name
-        if name == FILE_NAME:
-            continue
-        with (path / name if place.is_folder else path).open("rb") as file:
-            hashlib.file_digest(file, lambda: whole)
-    return whole.hexdigest()
-
-
 def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path) -> BagRow:
     options: Any = dict(bag.options)
     for name, text in bag.texts.items():
         file = scratch / f"{name}.yaml"
         file.write_text(text, encoding="utf-8")
         options[name] = file
-    joints, hours, errors = JointSums(model), HourSums(model), MeterErrors()
-    minutes = BagMinutes(model) if bag.with_history else None
-    takers: list[Callable[[Any], None]] = [joints.take, hours.take, errors.take]
+    joints, hours, errors = JointSums(model), HourSums(), MeterErrors()
+    readings: list[Reading] = []
 
-    def take(output: Any) -> None:
-        for taker in takers:
-            taker(output)
+    def take(output: Output) -> None:
+        joints.take(output)
+        errors.take(output)
 
-    read = None if minutes is None else minutes.take
+    def read(account: EnergyAccount, minute_ns: int) -> None:
+        hours.take(account, minute_ns)
+        if bag.with_history and (reading := reading_of(account, model, minute_ns)) is not None:
+            readings.append(reading)
+
     setup = ReplaySetup.of(options)
     result = replay(path, model, setup, on_output=take, on_reading=read, on_compared=errors.compare)
     report, totals = replay_report(result), result.account.totals()
@@ -174,10 +173,10 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         "meter_errors": errors.table(),
     }
     sealed = _sealed(bag, bag.name, row, day, report.time.observed_time)
-    if minutes is None:
+    if not bag.with_history:
         return sealed
     jobs = tuple(_history_job(place, one) for place, one in enumerate(listed))
-    return replace(sealed, history=BagReadings(bag.robot, bag.name, minutes.readings(), jobs))
+    return replace(sealed, history=BagReadings(bag.robot, bag.name, tuple(readings), jobs))
 
 
 def _common(bag: FleetBag, bag_hash: str | None) -> Row:
@@ -199,15 +198,11 @@ def _common(bag: FleetBag, bag_hash: str | None) -> Row:
 
 
 def _counted(result: Replay, report: ReplayReport, totals: Totals) -> Row:
-    account, compared = result.account, totals.compared_ns > 0
-    phases: Row = {}
-    for phase in Phase:
-        name = phase.name.lower()
-        phases[f"{name}_ns"] = int(account.counts.phase_ns[phase])
-        phases[f"{name}_import_microjoule"] = int(account.counts.phase_energy_sum.microjoule[phase])
+    compared = totals.compared_ns > 0
+    registers = dict(zip(COLUMNS, register_values(result.account), strict=True))
     return {
-        **phases,
-        **_energies(totals),
+        **registers,
+        **({} if compared else dict.fromkeys(AT_METER)),
         "model_id": report.model.model_id,
         "start_ns": report.time.start_ns,
         "end_ns": report.time.end_ns,
@@ -233,31 +228,22 @@ def _counted(result: Replay, report: ReplayReport, totals: Totals) -> Row:
     }
 
 
-def _energies(totals: Totals) -> Row:
-    """Times and energies that a bag and a job have alike, exact."""
-    compared = totals.compared_ns > 0
-    cabinet = totals.cabinet_energy_microjoule
-    return {
-        **{f"{name}_microjoule": value for name, value in cabinet.items()},
-        "observed_ns": totals.observed_ns,
-        "gap_ns": totals.gap_ns,
-        "compared_ns": totals.compared_ns,
-        "measured_microjoule": totals.measured_energy_microjoule if compared else None,
-        "predicted_at_meter_microjoule": (
-            totals.predicted_energy_at_meter_microjoule if compared else None
-        ),
-    }
-
-
 def _jobs(result: Replay, report: ReplayReport) -> Iterator[Row]:
     for counted, figures in zip(result.jobs.closed, report.jobs, strict=True):
+        own = counted.counted
+        at_meter = own.measured_energy_microjoule, own.predicted_energy_at_meter_microjoule
+        known = at_meter if own.compared_ns > 0 else (None, None)
         yield {
-            **_energies(counted.counted),
+            **{field: own.cabinet_energy_microjoule[key] for key, field in EXACT_FIELDS.items()},
+            **dict(zip(AT_METER, known, strict=True)),
+            "observed_ns": own.observed_ns,
+            "gap_ns": own.gap_ns,
+            "compared_ns": own.compared_ns,
             "name": counted.name,
             "start_ns": counted.start_ns,
             "end_ns": counted.end_ns,
             "energy_band": figures.energy_band,
-            "peak_grid_power": figures.peak_grid_power,
+            "peak_power": figures.peak_grid_power,
         }
 
 
@@ -298,46 +284,33 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
     )
 
 
-class BagMinutes:
-    """Collects the registers of a replay, in the messages that a monitor would publish."""
+def register_values(account: EnergyAccount) -> tuple[int, ...]:
+    """Return the registers of an account as a history has them, by `COLUMNS`."""
+    exact = exact_columns(account)
+    phases = (exact[f"phase_{unit}"][0, Phase.HOLD :] for unit in ("microjoule", "ns"))
+    joints = (exact[f"joints.{name}"].sum() for name in OF_JOINTS)
+    plain = (exact[name] for name in FROM_MESSAGE)
+    return tuple(map(int, (*plain, *chain(*phases), *joints)))
 
-    def __init__(self, model: RobotModel) -> None:
-        self._writer = RegistersWriter(
-            model.joint_names, model.model_id, model.auxiliary or (), model.unmodelled
-        )
-        self._messages: list[bytes] = []
 
-    def take(self, account: EnergyAccount, minute_ns: int) -> None:
-        """Take the registers as they stand.
+def reading_of(account: EnergyAccount, model: RobotModel, minute_ns: int) -> Reading | None:
+    """Return the registers as a monitor would publish them; None before the first sample.
 
-        Args:
-            minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
-        """
-        row = self._writer.encode(account, True, minute_ns)
-        if row is not None:
-            self._messages.append(row[0].tobytes())
-
-    def readings(self) -> tuple[Reading, ...]:
-        """Return all of them, in order."""
-        batch = RawBatch.from_messages(
-            "energy/registers", ENERGY_REGISTERS, [0] * len(self._messages), self._messages
-        )
-        return tuple(ReadingDecoder().decode(batch)) if self._messages else ()
+    Args:
+        minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
+    """
+    start_ns, end_ns, exact = account.start_ns, account.end_ns, exact_columns(account)
+    if start_ns is None or end_ns is None:
+        return None
+    of_joints = zip(*(exact[f"joints.{name}"][0].tolist() for name in JOINT_COLUMNS), strict=True)
+    return Reading(
+        start_ns, end_ns, minute_ns, model.model_id, int(exact["meter_location"]),
+        register_values(account), dict(zip(model.joint_names, of_joints, strict=True)),
+    )  # fmt: skip
 
 
 def _history_job(number: int, job: dict[str, Any]) -> dict[str, Any]:
-    """Return a job of a bag as the history has it."""
-    return {
-        "id": number,
-        "start": job["start_ns"],
-        "stop": job["end_ns"],
-        "name": job["name"],
-        "observed_ns": job["observed_ns"],
-        "gap_ns": job["gap_ns"],
-        "compared_ns": job["compared_ns"],
-        "predicted_import_microjoule": job["grid_import_microjoule"],
-        "predicted_return_microjoule": job["grid_return_microjoule"],
-        "measured_microjoule": job["measured_microjoule"] or 0,
-        "predicted_microjoule_at_meter": job["predicted_at_meter_microjoule"] or 0,
-        "peak_power": job["peak_grid_power"],
-    }
+    """A job of a bag as the history has it."""
+    sums = {name: job[name] or 0 for name in JOB_SUMS}
+    own = {"id": number, "start": job["start_ns"], "stop": job["end_ns"], "name": job["name"]}
+    return {**own, **sums, "peak_power": job["peak_power"]}

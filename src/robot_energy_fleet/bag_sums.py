@@ -6,79 +6,51 @@ from typing import Any
 
 import numpy as np
 
-from robot_energy.accounting.exact_sum import MIN_STANDBY
+from robot_energy.accounting.account import EnergyAccount
 from robot_energy.foundation.units import HOUR_NS, SECOND_NS
-from robot_energy.model import RobotModel
-from robot_energy.physics.drivetrain import motor_rest
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int
 from robot_energy.timeline.pieces import Compared
-from robot_energy_plan.optimization.deviations import ConsecutiveBlocks
 
-SUMS = ("observed_time", "motion_time", "grid_energy", "standby_time", "standby_energy")
-OBSERVED, MOTION, ENERGY, STANDBY, STANDBY_ENERGY = range(len(SUMS))
+SUMS = (
+    "observed_ns", "motion_ns", "predicted_import_microjoule", "standby_ns", "standby_microjoule"
+)  # fmt: skip
 LAST_NS = 2**62  # behind all stamps
 BIN = 5.0  # width of a bin of temperature [K]
 
 
 class HourSums:
-    """Gathers the sums of one bag.
+    """What the account of one bag counts in each UTC hour.
 
-    Energy is that from the grid, by the trapezoidal rule between samples of one segment; what is
-    fed back does not count. Rest is standby once it has lasted `MIN_STANDBY`, from its beginning; a
-    robot rests while its motors are slower than motion that says something of friction, so that
-    noise of a reported velocity is not motion.
-
-    Attributes:
-        hours: Sums by the stamp at which the hour begins: observed time [s], time not at rest [s],
-            energy [J], standby [s], energy in standby [J].
+    Motion is what is not rest, as of standby: so noise of a reported velocity is not motion.
     """
 
-    def __init__(self, model: RobotModel) -> None:
-        self._floor = motor_rest(model)
-        self.hours: dict[int, Float] = {}
-        self._blocks = ConsecutiveBlocks()
-        self._rest: dict[int, Float] = {}  # sums of a rest that is not standby yet
-        self._rested = 0.0
+    def __init__(self) -> None:
+        self._hours: dict[int, Int] = {}
+        self._before: Int = np.zeros(len(SUMS), dtype=np.int64)
 
-    def take(self, output: Output) -> None:
-        """Take what a step of the pipeline gave."""
-        if output.power is None:
+    def take(self, account: EnergyAccount, minute_ns: int) -> None:
+        """Take the registers as they stand.
+
+        Args:
+            minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
+        """
+        end_ns, registers, standby = account.end_ns, account.registers, account.counts.standby
+        if end_ns is None:
             return
-        block, time = self._blocks.joined(output.power)
-        stamp, power = block.stamp_ns, np.maximum(np.nan_to_num(block.grid_power), 0.0)
-        energy = 0.5 * (power[1:] + power[:-1]) * time
-        rest = (np.abs(block.motor_velocity[:-1]) <= self._floor).all(axis=1) & (time > 0.0)
-        hour = stamp[:-1] // HOUR_NS
-        cuts = (np.flatnonzero((np.diff(hour) != 0) | (np.diff(rest) != 0)) + 1).tolist()
-        for start, stop in zip([0, *cuts], [*cuts, len(time)], strict=True):
-            if stop > start:
-                sums = (float(time[start:stop].sum()), float(energy[start:stop].sum()))
-                self._add(int(hour[start]) * HOUR_NS, bool(rest[start]), *sums)
+        observed = registers.time.observed_ns
+        imported, used = int(registers.microjoule[0]), int(standby.energy.microjoule[0])
+        now = np.array([observed, observed - standby.rested_ns, imported, standby.ns, used])
+        hour = ((minute_ns or end_ns) - 1) // HOUR_NS * HOUR_NS
+        self._hours[hour] = self._hours.get(hour, 0) + now - self._before
+        self._before = now
 
-    def table(self) -> list[dict[str, Any]]:
-        """Return one row for each hour, of plain values."""
+    def table(self) -> list[dict[str, int]]:
+        """Return one row for each hour."""
         return [
             {"hour_ns": hour, **dict(zip(SUMS, sums.tolist(), strict=True))}
-            for hour, sums in sorted(self.hours.items())
+            for hour, sums in sorted(self._hours.items())
         ]
-
-    def _add(self, hour: int, rest: bool, time: float, energy: float) -> None:
-        own = self.hours.setdefault(hour, np.zeros(len(SUMS)))
-        own[OBSERVED] += time
-        own[ENERGY] += energy
-        if not rest:
-            own[MOTION] += time
-            self._rest.clear()
-            self._rested = 0.0
-            return
-        self._rested += time
-        waiting = self._rest.setdefault(hour, np.zeros(2))
-        waiting += time, energy
-        if self._rested >= MIN_STANDBY:
-            for at, sums in self._rest.items():
-                self.hours[at][STANDBY:] += sums
-            self._rest.clear()
 
 
 class MeterErrors:

@@ -28,15 +28,13 @@ from robot_energy.foundation.errors import DatasetError
 from robot_energy.foundation.files.output_files import GENERATOR, PARQUET, write_file
 from robot_energy.foundation.files.placement import PREFIX
 from robot_energy.foundation.shown_text import shown
-from robot_energy.foundation.units import MICROJOULE
-from robot_energy.timeline.blocks import NANOSECOND
 from robot_energy_fleet.tables import (
     RUNS,
     SCHEMA,
-    SCHEMAS,
     TABLES,
     FleetTables,
     history_tables,
+    in_si,
     is_history,
 )
 
@@ -238,11 +236,9 @@ class Dataset:
 
 
 def _scan(files: list[Path], file_column: str | None = None) -> pl.LazyFrame:
-    """Rows of files, of earlier versions too."""
     return pl.scan_parquet(
-        files, hive_partitioning=False, glob=False, schema=SCHEMA, missing_columns="insert",
-        extra_columns="ignore", include_file_paths=file_column,
-    )  # fmt: skip
+        files, hive_partitioning=False, glob=False, schema=SCHEMA, include_file_paths=file_column
+    )
 
 
 def scan(folder: str | Path) -> pl.LazyFrame:
@@ -313,34 +309,12 @@ def read_tables(folder: str | Path) -> FleetTables:
     """Return the rows of a dataset, or of a history, as the tables that reports are made from."""
     if is_history(folder):
         return history_tables(folder)
-    time = {"observed_time": "observed_ns", "time": "observed_ns",
-            "gap_time": "gap_ns"}  # fmt: skip
-    energy = {"grid_energy": "grid_import", "brake_energy": "brake", "measured_energy": "measured",
-              "predicted_energy_at_meter": "predicted_at_meter"}  # fmt: skip
-    wanted = {*SCHEMAS["runs"], *time.values(), *(f"{name}_microjoule" for name in energy.values())}
-    tables = [name for name in SCHEMAS if name in TABLES]
-    rows = scan(folder).select([name for name in RUNS if name in wanted] + tables)
-    rows = collected(rows, folder).with_columns(pl.col("model_id").fill_null(""))
-
-    def shaped(table: pl.DataFrame, name: str) -> pl.DataFrame:
-        more = [(pl.col(f"{f}_microjoule") * MICROJOULE).alias(t) for t, f in energy.items()
-                if f"{f}_microjoule" in table.columns]  # fmt: skip
-        more += [(pl.col(f) * NANOSECOND).alias(t) for t, f in time.items() if f in table.columns]
-        if name == "jobs":
-            net = pl.col("grid_import_microjoule") - pl.col("grid_return_microjoule")
-            more.append((net * MICROJOULE).alias("energy"))
-        schema = pl.Schema(SCHEMAS[name])
-        return table.with_columns(more).select(
-            pl.col(column).cast(kind) for column, kind in schema.items()
-        )
+    named = [name for name in TABLES if name != "meter_errors"]
+    rows = collected(scan(folder).select(*RUNS, *named), folder)
+    rows = rows.with_columns(pl.col("model_id").fill_null(""))
 
     def table(name: str) -> pl.DataFrame:
         own = rows.select("key", "robot", pl.col(name)).filter(pl.col(name).list.len() > 0)
-        return shaped(own.explode(name).unnest(name), name)
+        return in_si(own.explode(name).unnest(name))
 
-    return FleetTables(
-        runs=shaped(rows.drop(tables), "runs"),
-        jobs=table("jobs"),
-        hours=table("hours"),
-        joints=table("joints"),
-    )
+    return FleetTables(in_si(rows.drop(named)), *map(table, named))

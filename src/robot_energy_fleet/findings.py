@@ -84,6 +84,8 @@ MIN_STANDBY = 0.25  # hours of a recorded day
 STANDBY_SCALE = 0.1  # below it, hours of standby are all alike [h]
 MIN_RECENT = 5  # newest bags of a robot that count, however old they are
 KINDS = ("payload", "wear", "friction", "standby", "energy")
+NET_ENERGY = (pl.col("grid_energy") - pl.col("predicted_return_energy")).alias("energy")
+"""Of a job. [J]"""
 
 
 @dataclass(frozen=True)
@@ -174,19 +176,20 @@ def _recent(stamp_ns: Int, robot: Int) -> NDArray[np.bool_]:
 def _of_jobs(jobs: pl.DataFrame, runs: pl.DataFrame, robots: Sequence[str]) -> Levels:
     """Levels of the logarithm of the energy of a job, measured where all have a meter."""
     measured = jobs["measured_energy"].null_count() == 0
-    name = "measured_energy" if measured else "energy"
+    figure = pl.col("measured_energy") if measured else NET_ENERGY
     own = (
         jobs.group_by("key", maintain_order=True)
-        .agg(pl.col(name).mean())
-        .filter(pl.col(name) > 0.0)
+        .agg(figure.mean().alias("energy"))
+        .filter(pl.col("energy") > 0.0)
         .join(runs.select("key", "robot", "start_ns", "motor_temperature_degc"), on="key")
         .sort("start_ns", "key")
     )
     number = _numbers(own["robot"].to_list(), robots)
     degc = own["motor_temperature_degc"].fill_null(np.nan).to_numpy()
     warm = np.where(np.isnan(degc)[:, None], 0.0, shares(degc_place(degc), DEGC_BUCKETS))
-    figure = np.log(own[name].to_numpy())
-    return levels(figure, number, warm, _recent(own["start_ns"].to_numpy(), number))
+    return levels(
+        np.log(own["energy"].to_numpy()), number, warm, _recent(own["start_ns"].to_numpy(), number)
+    )
 
 
 def _numbers(names: Sequence[str], robots: Sequence[str]) -> Int:

@@ -162,7 +162,7 @@ def _held_out(kind: FrictionLaw, merged: MergedSums, fold: Int) -> HeldOut:
     square = total = rows = 0.0
     folds = np.unique(fold)
     for one in folds:
-        seen, unseen = merged.bags.only(fold != one), merged.bags.only(fold == one)
+        seen, unseen = merged.bags[fold != one], merged.bags[fold == one]
         law, fit = _fitted(kind, _merge(seen, merged.sensors, merged.own_bodies, ""))
         error = score(unseen, law, float(fit.values[0]))
         count = float(unseen.rows.sum())
@@ -273,7 +273,7 @@ def _newest_held_out(
     count = int(HELD_OUT * len(order))
     if count < MIN_BAGS:
         return []
-    seen, unseen = bags.only(order[:-count]), bags.only(order[-count:])
+    seen, unseen = bags[order[:-count]], bags[order[-count:]]
     fit = fit_merged(seen, sensors, bodies, "")
     after: TorqueScore = score(unseen, fit.law, fit.coulomb)
     before = score(unseen, None, 0.0)

@@ -13,10 +13,8 @@ import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
-from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.friction_laws import ExponentialLaw, LawEntry, TableLaw
-from robot_energy.physics.friction import viscous_law
-from robot_energy.timeline.blocks import Float, Int
+from robot_energy.model.friction_laws import LawEntry
+from robot_energy.timeline.blocks import Float, Int, Rows
 from robot_energy_fleet.bag_joints import (
     COLUMNS,
     INERTIA,
@@ -30,7 +28,14 @@ from robot_energy_fleet.bag_joints import (
     VISCOUS,
 )
 from robot_energy_identify.bounds import identified
-from robot_energy_identify.friction.laws import GRID, MIN_RANGE, MIN_SHARE, SCALES, constant_law
+from robot_energy_identify.friction.laws import (
+    MIN_RANGE,
+    MIN_SHARE,
+    SCALES,
+    constant_law,
+    exponential_law,
+    table_law,
+)
 from robot_energy_identify.stats.regression import SCATTER, Fit, student
 from robot_energy_identify.stats.systematic import (
     BODIES,
@@ -46,7 +51,7 @@ ROUNDING = 1e-12  # sum of squares of a nuisance that is none, such as gravity a
 DAMPING = 1e-6  # of a column of length 1, where a bag does not show a nuisance
 
 
-class JointBags(Described):
+class JointBags(Rows):
     """Sums of one joint in B bags."""
 
     name: str
@@ -55,15 +60,6 @@ class JointBags(Described):
     degc: Annotated[Float, "Mean motor temperature, shape (B,); NaN: not known. [degC]"]
     robot: Annotated[Int, "Number of the robot, shape (B,)."]
     stamp_ns: Annotated[Int, "When the bag begins, shape (B,). [ns]"]
-
-    def only(self, bags: np.ndarray) -> JointBags:
-        """Return some of the bags.
-
-        Args:
-            bags: Mask of shape (B,), or places.
-        """
-        arrays = {name: array for name, array in vars(self).items() if name != "name"}
-        return JointBags(self.name, **{name: array[bags] for name, array in arrays.items()})
 
 
 def without_nuisances(gram: Float) -> Float:
@@ -173,24 +169,12 @@ def fit_exponential(merged: MergedSums) -> tuple[LawEntry, Fit]:
     moves = np.zeros(4)
     moves[2] = -cold / scale * merged.sensors.thermometer
     tangent = moved_by(tangent, THERMOMETER, moves)
-    lift = float(np.exp(middle / scale))
-    to_law = np.array([[1, 0, 0], [0, lift, -cold * lift * middle / scale**2], [0, 0, 1.0]])
-    known = to_law @ tangent.covariance[1:, 1:] @ to_law.T
-    known = 0.5 * (known + known.T)
-    std = np.sqrt(np.diag(known)).tolist()
-    law = ExponentialLaw(
-        law="exponential",
-        a=identified(hot, std[0], merged.source),
-        b=identified(cold * lift, std[1], merged.source),
-        c=PositiveFigure(value=scale, tag="identified", std=std[2], source=merged.source),
-        fitted_degc=(float(merged.bags.degc.min()), float(merged.bags.degc.max())),
-        covariance=known.tolist(),
-    )
-    greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
+    known, figures = tangent.covariance[1:, 1:], (hot, cold, scale)
+    law = exponential_law(figures, middle, merged.bags.degc, known, merged.source)
     fit = replace(found, covariance=tangent.covariance[:3, :3], parts={
         cause: part[:3] for cause, part in tangent.parts.items()
     })  # fmt: skip
-    return law.model_copy(update={"std": float(greatest)}), fit
+    return law, fit
 
 
 def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
@@ -209,16 +193,7 @@ def fit_table(merged: MergedSums) -> tuple[LawEntry, Fit]:
     fit = merged.fit(shape, tuple(f"viscous at {node:.0f} degC" for node in nodes), bend)
     slope = np.append(0.0, np.gradient(fit.values[1:], nodes))
     fit = moved_by(fit, THERMOMETER, merged.sensors.thermometer * slope)
-    above = fit.values[1:] > 0.0
-    law = TableLaw(
-        law="table",
-        motor_temperature_degc=nodes.tolist(),
-        viscous=np.maximum(fit.values[1:], 0.0).tolist(),
-        std=fit.std[1:].tolist(),
-        tag="identified" if above.all() else "assumed",
-        source=merged.source,
-    )
-    return law, fit
+    return table_law(nodes, fit.values[1:], fit.std[1:], merged.source), fit
 
 
 def _shapes(shape: Float) -> Float:

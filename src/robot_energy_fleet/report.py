@@ -15,7 +15,7 @@ from robot_energy.foundation.time_zone import local_time
 from robot_energy.foundation.units import DAY_NS, HOUR_NS, JOULE_PER_KWH
 from robot_energy.timeline.blocks import Float
 from robot_energy_fleet.bag_joints import BagJoints, bag_joints
-from robot_energy_fleet.findings import MIN_HOURS, MIN_RECORDS, compare, ordered
+from robot_energy_fleet.findings import MIN_HOURS, MIN_RECORDS, NET_ENERGY, compare, ordered
 from robot_energy_fleet.results.fleet import (
     DamagedBag,
     FleetFinding,
@@ -228,14 +228,14 @@ def _robots(
 def _programmes(jobs: pl.DataFrame) -> tuple[ProgrammeEnergy, ...]:
     whole = jobs.filter(pl.col("gap_time") == 0.0)
     metered = pl.col("measured_energy").is_not_null()
-    robots = whole.group_by("name", "robot", maintain_order=True).agg(pl.col("energy").mean())
+    robots = whole.group_by("name", "robot", maintain_order=True).agg(NET_ENERGY.mean())
     rows = (
         whole.group_by("name", maintain_order=True)
         .agg(
             pl.col("robot").n_unique().alias("robots"),
             pl.len().alias("jobs"),
-            pl.col("time").mean().alias("mean_time"),
-            pl.col("energy").mean().alias("mean_energy"),
+            pl.col("observed_time").mean().alias("mean_time"),
+            NET_ENERGY.mean().alias("mean_energy"),
             (
                 pl.col("predicted_energy_at_meter").filter(metered).sum()
                 / pl.when(metered.any()).then(pl.col("measured_energy").sum())

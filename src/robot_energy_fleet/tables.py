@@ -1,66 +1,38 @@
-"""The tables that reports of a fleet or a history are made from, and the columns of a dataset."""
+"""The columns of a dataset, and the tables of it, or of a history, that reports are made from.
+
+Registers have the names and units of those of a history: a bag and a robot that was recorded live
+are rows of the same columns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import polars as pl
 
-from robot_energy.accounting.registers import CABINET_REGISTERS, JOINT_REGISTERS, SHAFT_REGISTERS
+from robot_energy.accounting.registers import JOINT_REGISTERS, SHAFT_REGISTERS
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.units import HOUR_NS, MICROJOULE, SECOND_NS
-from robot_energy.timeline.blocks import Phase
-from robot_energy_history.database import FILE, reader
+from robot_energy.foundation.units import HOUR_NS, MICROJOULE
+from robot_energy.messages.fields import EXACT_FIELDS
+from robot_energy.timeline.blocks import NANOSECOND
+from robot_energy_history.database import FILE, JOB_SUMS, reader
 from robot_energy_history.readings import COLUMNS
 from robot_energy_history.rollup import Rolled
 from robot_energy_history.rows import reading_from
 from robot_energy_report.repeats import overlaps
 
-FLOATS = pl.List(pl.Float64)
-
-
-def _columns(*groups: tuple[Any, str]) -> dict[str, Any]:
-    """Columns in groups of one type, in their order."""
-    return {name: kind for kind, names in groups for name in names.split()}
-
-
-SCHEMAS: dict[str, dict[str, Any]] = {
-    "runs": _columns(
-        (pl.String, "key bag robot model_id reason"),
-        (pl.List(pl.String), "problems"),
-        (pl.Int64, "start_ns end_ns"),
-        (pl.Float64, "observed_time grid_energy brake_energy measured_energy"),
-        (pl.Float64, "predicted_energy_at_meter motor_temperature_degc"),
-        (pl.Int64, "jobs_left_out"),
-    ),
-    "jobs": _columns(
-        (pl.String, "key robot name"),
-        (pl.Int64, "start_ns end_ns"),
-        (pl.Float64, "time gap_time energy measured_energy predicted_energy_at_meter"),
-    ),
-    "hours": _columns(
-        (pl.String, "key robot"),
-        (pl.Int64, "hour_ns"),
-        (pl.Float64, "observed_time motion_time grid_energy standby_time standby_energy"),
-    ),
-    "joints": _columns(
-        (pl.String, "key robot joint"),
-        (pl.Int64, "friction_rows"),
-        (pl.Float64, "motion_time motor_temperature_degc"),
-        (FLOATS, "friction_sums"),
-        (pl.List(pl.Int64), "wear_stamp_ns"),
-        (FLOATS, "wear_hours wear_time wear_excess wear_variance wear_features"),
-    ),
-}
-"""Columns of the tables: energies in J, times in s, stamps in ns since 1970."""
-
-Rows = dict[str, list[dict[str, Any]]]
+STAMPS = ("start_ns", "end_ns", "hour_ns")
+AT_METER = ("measured_microjoule", "predicted_microjoule_at_meter")
 
 
 class FleetTables(Described):
-    """Rows of all bags of a fleet."""
+    """Rows of all bags of a fleet, by the columns of a dataset, but energies in J and times in s.
+
+    ``brake_microjoule`` is ``brake_energy``, ``gap_ns`` is ``gap_time``, and
+    ``predicted_import_microjoule`` is ``grid_energy``; what a meter says is null without one.
+    """
 
     runs: Annotated[
         pl.DataFrame,
@@ -80,15 +52,19 @@ class FleetTables(Described):
         return FleetTables(runs, *others)
 
 
-def tables_of(bags: Iterable[Rows]) -> FleetTables:
-    """Return the rows of many bags as tables."""
-    rows: Rows = {name: [] for name in SCHEMAS}
-    for bag in bags:
-        for name, own in bag.items():
-            rows[name] += own
-    return FleetTables(
-        **{name: pl.DataFrame(rows[name], schema=schema) for name, schema in SCHEMAS.items()}
-    )
+def in_si(rows: pl.DataFrame) -> pl.DataFrame:
+    """Return rows of a dataset with energies in J, times in s and stamps as they are."""
+    found: list[pl.Expr] = []
+    for name, kind in rows.schema.items():
+        column = pl.col(name)
+        if name in AT_METER:
+            column = pl.when(pl.col("compared_ns") > 0).then(column)
+        if "_microjoule" in name:
+            column = (column * MICROJOULE).alias(name.replace("microjoule", "energy"))
+        elif name.endswith("_ns") and name not in STAMPS and kind.is_integer():
+            column = (column * NANOSECOND).alias(f"{name[:-2]}time")
+        found.append(column)
+    return rows.select(found).rename({"predicted_import_energy": "grid_energy"}, strict=False)
 
 
 def counted_twice(runs: pl.DataFrame) -> list[str]:
@@ -101,7 +77,7 @@ def counted_twice(runs: pl.DataFrame) -> list[str]:
     ]
 
 
-INTEGER, FLOAT, TEXT = pl.Int64(), pl.Float64(), pl.String()
+INTEGER, FLOAT, TEXT, FLOATS = pl.Int64(), pl.Float64(), pl.String(), pl.List(pl.Float64)
 JOINT_ENERGIES = (*JOINT_REGISTERS, *(f"shaft_{name}" for name in SHAFT_REGISTERS))
 
 
@@ -116,17 +92,18 @@ class TableColumn(NamedTuple):
 Columns = dict[str, TableColumn]
 
 
-def _integers(names: Iterable[str], ending: str, unit: str, text: str) -> Columns:
-    return {f"{n}_{ending}": TableColumn(INTEGER, unit, text.format(n)) for n in names}
+def _registers(names: Iterable[str]) -> Columns:
+    return {
+        name: TableColumn(INTEGER, "ns" if name.endswith("_ns") else "uJ", f"register {name}")
+        for name in names
+    }
 
-
-_PHASES = tuple(phase.name.lower() for phase in Phase)
 
 RUNS: Columns = {
     "name": TableColumn(TEXT, "", "hashes of the bag's address, of its state, of the settings"),
     "key": TableColumn(TEXT, "", "hash of bag, model, options and version; unique once read"),
     "bag": TableColumn(TEXT, "", "address of the bag"),
-    "bag_hash": TableColumn(TEXT, "", "SHA-256 of its files with messages; null if unreadable"),
+    "bag_hash": TableColumn(TEXT, "", "SHA-256, as in models; null if unreadable"),
     "robot": TableColumn(TEXT, "", "name of the robot in the fleet"),
     "date": TableColumn(TEXT, "", "UTC day of the first sample"),
     "programme": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
@@ -140,17 +117,10 @@ RUNS: Columns = {
     "problems": TableColumn(pl.List(TEXT), "", "what was wrong with a bag that was used"),
     "start_ns": TableColumn(INTEGER, "ns since 1970", "first sample"),
     "end_ns": TableColumn(INTEGER, "ns since 1970", "last sample"),
-    "observed_ns": TableColumn(INTEGER, "ns", "time predicted"),
-    "gap_ns": TableColumn(INTEGER, "ns", "time not predicted"),
+    **_registers(COLUMNS),
     "gap_count": TableColumn(INTEGER, "", "gaps"),
     "jumps": TableColumn(INTEGER, "", "jumps of the stamps"),
-    **_integers(CABINET_REGISTERS, "microjoule", "uJ", "register {}"),
-    **_integers(_PHASES, "ns", "ns", "time in phase {}"),
-    **_integers((f"{n}_import" for n in _PHASES), "microjoule", "uJ", "from the grid, phase {}"),
     "meter_location": TableColumn(TEXT, "", "grid or dc_bus; null without a meter"),
-    "compared_ns": TableColumn(INTEGER, "ns", "time that meter and prediction cover"),
-    "measured_microjoule": TableColumn(INTEGER, "uJ", "measured over that time"),
-    "predicted_at_meter_microjoule": TableColumn(INTEGER, "uJ", "predicted over that time"),
     "power_error_rms": TableColumn(FLOAT, "W", "predicted minus measured, reading by reading"),
     "measured_power_rms": TableColumn(FLOAT, "W", "of the measured power"),
     "energy_std": TableColumn(FLOAT, "J", "standard deviation of the predicted net energy"),
@@ -172,36 +142,37 @@ RUNS: Columns = {
 }
 JOBS: Columns = {
     "name": TableColumn(TEXT, "", "of the job"),
-    **{name: RUNS[name] for name in (
-        "start_ns", "end_ns", "observed_ns", "gap_ns",
-        *(f"{name}_microjoule" for name in CABINET_REGISTERS),
-        "compared_ns", "measured_microjoule", "predicted_at_meter_microjoule",
-    )},
+    "start_ns": RUNS["start_ns"],
+    "end_ns": RUNS["end_ns"],
+    **_registers(("observed_ns", "gap_ns", "compared_ns", *EXACT_FIELDS.values(), *AT_METER)),
     "energy_band": TableColumn(FLOAT, "J", "half width of the 90 % band of the net energy"),
-    "peak_grid_power": TableColumn(FLOAT, "W", "highest predicted"),
-}  # fmt: skip
-_HOURS = {"hour_ns": ("ns since 1970", "begin of the UTC hour"), "observed_time": ("s", "in it"),
-          "motion_time": ("s", "not at rest"), "grid_energy": ("J", "from the grid"),
-          "standby_time": ("s", "at rest for 60 s or more, drives on"),
-          "standby_energy": ("J", "from the grid in standby")}  # fmt: skip
-_SUMS = {"joint": ("", "name"), "friction_rows": ("", "samples behind friction_sums"),
-         "motion_time": ("s", "of these samples"), "motor_temperature_degc": ("degC", "mean"),
-         "friction_sums": ("SI", "sums of products, upper triangle: see joint_sums.py"),
-         "wear_stamp_ns": ("ns since 1970", "of the records of the wear alarm"),
-         "wear_hours": ("h", "time that they cover"), "wear_time": ("s", "in motion"),
-         "wear_excess": ("-", "excess of friction over the model"),
-         "wear_variance": ("-", "of it"), "wear_features": ("-", "what it was at")}  # fmt: skip
-
-
-def _described(table: str, texts: Mapping[str, tuple[str, str]]) -> Columns:
-    """Columns that come as `tables` has them."""
-    kinds = pl.Schema(SCHEMAS[table])
-    own = {name: kind for name, kind in kinds.items() if name not in ("key", "robot")}
-    return {name: TableColumn(kind, *texts.get(name, ("", ""))) for name, kind in own.items()}
-
-
-HOURS = _described("hours", _HOURS)
-JOINTS = _described("joints", _SUMS) | _integers(JOINT_ENERGIES, "microjoule", "uJ", "register {}")
+    "peak_power": TableColumn(FLOAT, "W", "highest predicted"),
+}
+HOURS: Columns = {
+    "hour_ns": TableColumn(INTEGER, "ns since 1970", "begin of the UTC hour"),
+    "motion_ns": TableColumn(INTEGER, "ns", "time not at rest"),
+    **_registers(
+        ("observed_ns", "predicted_import_microjoule", "standby_ns", "standby_microjoule")
+    ),
+}
+JOINTS: Columns = {
+    "joint": TableColumn(TEXT, "", "name"),
+    "friction_rows": TableColumn(INTEGER, "", "samples behind friction_sums"),
+    "motion_time": TableColumn(FLOAT, "s", "of these samples"),
+    "motor_temperature_degc": TableColumn(FLOAT, "degC", "mean"),
+    "friction_sums": TableColumn(
+        FLOATS, "SI", "sums of products, upper triangle: see bag_joints.py"
+    ),
+    "wear_stamp_ns": TableColumn(
+        pl.List(INTEGER), "ns since 1970", "of the records of the wear alarm"
+    ),
+    "wear_hours": TableColumn(FLOATS, "h", "time that they cover"),
+    "wear_time": TableColumn(FLOATS, "s", "in motion"),
+    "wear_excess": TableColumn(FLOATS, "-", "excess of friction over the model"),
+    "wear_variance": TableColumn(FLOATS, "-", "of it"),
+    "wear_features": TableColumn(FLOATS, "-", "what it was at"),
+    **_registers(f"{name}_microjoule" for name in JOINT_ENERGIES),
+}
 METER_ERRORS: Columns = {
     "degc": TableColumn(FLOAT, "degC", "middle of the bin of the mean motor temperature"),
     "compared_ns": TableColumn(INTEGER, "ns", "time compared"),
@@ -222,14 +193,6 @@ SCHEMA = pl.Schema(
 )
 
 
-ENERGIES = {
-    "grid_energy": "predicted_import_microjoule",
-    "brake_energy": "brake_microjoule",
-    "measured_energy": "measured_microjoule",
-    "predicted_energy_at_meter": "predicted_microjoule_at_meter",
-}
-
-
 def is_history(folder: str | Path) -> bool:
     """Whether a folder is that of a history."""
     return (Path(folder).expanduser() / FILE).is_file()
@@ -242,75 +205,48 @@ def history_tables(folder: str | Path) -> FleetTables:
     history, so nothing is said of wear and no friction can be identified. Time in motion is that
     outside of the phase ``hold``.
     """
-    rows: Rows = {"runs": [], "jobs": [], "hours": [], "joints": []}
     with reader(folder) as connection:
-        robots = dict(connection.execute("SELECT id, name FROM robot").fetchall())
-        keys: dict[int, dict[str, Any]] = {}
-        ends: dict[int, list[tuple[int, int, dict[str, Any]]]] = {}
-        for epoch, robot, origin, first_text, last_text in connection.execute(
-            "SELECT id, robot, origin, first, last FROM epoch ORDER BY id"
+        runs: list[dict[str, Any]] = []
+        for epoch, robot, origin, *texts in connection.execute(
+            "SELECT e.id, r.name, e.origin, e.first, e.last FROM epoch e JOIN robot r "
+            "ON r.id = e.robot ORDER BY e.id"
         ):
-            first, last = reading_from(first_text), reading_from(last_text)
-            used = dict(
-                zip(COLUMNS, (b - a for a, b in zip(first.values, last.values, strict=True)),
-                    strict=True)
-            )  # fmt: skip
-            compared = used["compared_ns"] > 0
-            key = keys[epoch] = {"key": str(epoch), "robot": robots[robot]}
-            ends.setdefault(robot, []).append((first.stamp_ns, last.stamp_ns, key))
-            rows["runs"].append(
+            first, last = map(reading_from, texts)
+            used = (b - a for a, b in zip(first.values, last.values, strict=True))
+            runs.append(
                 {
-                    **key, "bag": origin, "model_id": last.model_id, "reason": "", "problems": [],
-                    "start_ns": first.stamp_ns, "end_ns": last.stamp_ns, "jobs_left_out": 0,
-                    "observed_time": used["observed_ns"] / SECOND_NS,
-                    **{
-                        name: used[column] * MICROJOULE
-                        if compared or name in ("grid_energy", "brake_energy")
-                        else None
-                        for name, column in ENERGIES.items()
-                    },
+                    "key": str(epoch), "robot": robot, "bag": origin, "model_id": last.model_id,
+                    "reason": "", "problems": [], "start_ns": first.stamp_ns,
+                    "end_ns": last.stamp_ns, "jobs_left_out": 0,
+                    **dict(zip(COLUMNS, used, strict=True)),
                 }
             )  # fmt: skip
-        rows["hours"] = [
-            {
-                **keys[epoch], "hour_ns": hour, "observed_time": observed / SECOND_NS,
-                "motion_time": (observed - held) / SECOND_NS, "grid_energy": used * MICROJOULE,
-                "standby_time": standby_ns / SECOND_NS, "standby_energy": standby * MICROJOULE,
-            }
-            for epoch, hour, observed, held, used, standby_ns, standby in connection.execute(
-                f"SELECT epoch, start / {HOUR_NS} * {HOUR_NS} AS hour, sum(observed_ns), "
-                "sum(hold_ns), sum(predicted_import_microjoule), sum(standby_ns), "
-                "sum(standby_microjoule) FROM (SELECT * FROM slot15 WHERE NOT flags & 1 UNION ALL "
-                "SELECT * FROM slot60 WHERE start < ?) GROUP BY epoch, hour ORDER BY hour, epoch",
-                (Rolled.of(connection).quarters_from_ns,),
-            )
-        ]  # fmt: skip
-        found = connection.execute("SELECT * FROM job ORDER BY start")
-        for values in found:
-            job = {one[0]: value for one, value in zip(found.description, values, strict=True)}
-            key = next(
-                (
-                    key
-                    for start, stop, key in ends.get(job["robot"], ())
-                    if start < job["stop"] <= stop
-                ),
-                None,
-            )
-            if key is None:
-                continue
-            net = job["predicted_import_microjoule"] - job["predicted_return_microjoule"]
-            compared = job["compared_ns"] > 0
-            rows["jobs"].append(
-                {
-                    **key, "name": job["name"], "start_ns": job["start"], "end_ns": job["stop"],
-                    "time": job["observed_ns"] / SECOND_NS, "gap_time": job["gap_ns"] / SECOND_NS,
-                    "energy": net * MICROJOULE,
-                    "measured_energy": (
-                        job["measured_microjoule"] * MICROJOULE if compared else None
-                    ),
-                    "predicted_energy_at_meter": (
-                        job["predicted_microjoule_at_meter"] * MICROJOULE if compared else None
-                    ),
-                }
-            )  # fmt: skip
-    return tables_of([rows])
+        hours = connection.execute(
+            f"SELECT CAST(epoch AS TEXT), r.name, s.start / {HOUR_NS} * {HOUR_NS} AS hour, "
+            "sum(observed_ns - hold_ns), sum(observed_ns), sum(predicted_import_microjoule), "
+            "sum(standby_ns), sum(standby_microjoule) FROM (SELECT * FROM slot15 WHERE NOT "
+            "flags & 1 UNION ALL SELECT * FROM slot60 WHERE start < ?) s JOIN robot r "
+            "ON r.id = s.robot GROUP BY epoch, hour ORDER BY hour, epoch",
+            (Rolled.of(connection).quarters_from_ns,),
+        ).fetchall()
+        jobs = connection.execute(
+            "SELECT CAST(min(e.id) AS TEXT), r.name, j.name, j.start, j.stop, "
+            f"{', '.join(f'j.{name}' for name in JOB_SUMS)} FROM job j JOIN robot r "
+            "ON r.id = j.robot JOIN epoch e ON e.robot = j.robot "
+            "AND j.stop > json_extract(e.first, '$.stamp_ns') "
+            "AND j.stop <= json_extract(e.last, '$.stamp_ns') "
+            "GROUP BY j.robot, j.start, j.id ORDER BY j.start"
+        ).fetchall()
+
+    def table(rows: list[Any], columns: Columns, *names: str) -> pl.DataFrame:
+        kinds = {"key": TEXT, "robot": TEXT} | {
+            name: columns[name].kind for name in names or columns
+        }
+        return in_si(pl.DataFrame(rows, schema=kinds, orient="row"))
+
+    return FleetTables(
+        in_si(pl.DataFrame(runs, schema={name: one.kind for name, one in RUNS.items()})),
+        table(jobs, JOBS, "name", "start_ns", "end_ns", *JOB_SUMS),
+        table(hours, HOURS),
+        table([], JOINTS),
+    )

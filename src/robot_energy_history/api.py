@@ -223,23 +223,15 @@ def _by_shift(
     spans: TimeSeries,
     currency: str,
 ) -> History:
+    names = (*ENERGIES, *PRICED)
     rows = [
-        (key, robot, place)
-        for key in sorted(found)
+        (bounds[part], robot, bounds[part + 1], shift, *(own[name][place] for name in names))
+        for (part, shift), own in sorted(found.items())
         for place, robot in enumerate(robots)
-        if any(found[key][name][place] for name in ENERGIES)
+        if any(own[name][place] for name in ENERGIES)
     ]
-    columns: dict[str, Column] = {
-        "robot": np.array([robot for _, robot, _ in rows], dtype=str),
-        "stop_ns": np.array([bounds[key[0] + 1] for key, *_ in rows], dtype=np.int64),
-        "shift": np.array([key[1] for key, *_ in rows], dtype=str),
-    }
-    for name in (*ENERGIES, *PRICED):
-        own = [found[key][name][place] for key, _, place in rows]
-        columns[name] = np.array(own, dtype=_kind(name))
-    starts = np.array([bounds[key[0]] for key, *_ in rows], dtype=np.int64)
-    units = {"stop_ns": "ns", **dict.fromkeys(ENERGIES, "uJ")}
-    return _history(TimeSeries(starts, columns, units=units), spans, currency=currency)
+    kinds = {"robot": str, "stop_ns": int, "shift": str, **{name: _kind(name) for name in names}}
+    return _history(table_of(rows, kinds), spans, currency=currency)
 
 
 def _priced(
@@ -258,7 +250,7 @@ def _priced(
 
 
 def _kind(name: str) -> type:
-    return np.int64 if name.endswith("_microjoule") else float
+    return int if name.endswith("_microjoule") else float
 
 
 def _history(

@@ -192,7 +192,8 @@ class HistoryStore:
                 left_out = put_bag(connection, Rolled.of(connection), number, bag)
                 connection.execute("COMMIT")
             except BaseException:
-                connection.execute("ROLLBACK")
+                with suppress(sqlite3.Error):
+                    connection.execute("ROLLBACK")
                 raise
         except sqlite3.Error as error:
             raise unusable(self.folder, error) from error

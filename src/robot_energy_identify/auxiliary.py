@@ -24,7 +24,8 @@ from robot_energy.model import RobotModel
 from robot_energy.model.auxiliary import AuxiliaryLoad
 from robot_energy.model.figure import PositiveFigure
 from robot_energy.replay.replay_steps import LoadIngest
-from robot_energy.timeline.blocks import Float, Int, MeterBlock
+from robot_energy.results.base import Result, Texts
+from robot_energy.timeline.blocks import Float, Int, MeterBlock, Rows
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.phase_readings import (
@@ -67,7 +68,7 @@ class StateChanges(Described):
         return np.where((first == last) & (self.state[first] != UNKNOWN), first, -1)
 
 
-class StateReadings(Described):
+class StateReadings(Rows):
     """Readings of one recording, each inside one state of every load."""
 
     power: Annotated[Float, "Shape (N,). [W]"]
@@ -76,18 +77,14 @@ class StateReadings(Described):
     visit: Annotated[Int, "Number of the uninterrupted stretch of states, rising, shape (N,)."]
     shown: Annotated[Float, "What the meter showed, which its gain concerns, shape (N,). [W]"]
 
-    def __len__(self) -> int:
-        return len(self.power)
-
-    def __getitem__(self, rows: slice | Int) -> StateReadings:
-        return StateReadings(*(each[rows] for each in self.__dict__.values()))
-
-    @classmethod
-    def joined(cls, parts: Sequence[StateReadings]) -> StateReadings:
+    @staticmethod
+    def joined(parts: Sequence[StateReadings]) -> StateReadings:
         """Return the readings of recordings as of one, every visit with a number of its own."""
         starts = np.cumsum([0, *(int(part.visit.max(initial=0)) + 1 for part in parts)])
-        moved = [replace(p, visit=p.visit + add) for p, add in zip(parts, starts, strict=False)]
-        return cls(*map(np.concatenate, zip(*(p.__dict__.values() for p in moved), strict=True)))
+        moved = zip(parts, starts, strict=False)
+        return StateReadings.concatenate(
+            [replace(part, visit=part.visit + add) for part, add in moved]
+        )
 
     @property
     def first(self) -> list[int]:
@@ -222,6 +219,16 @@ class LoadsFit(Described):
     held_out: Annotated[HeldOutStates | None, "None where too little was left to try it."]
     used: Annotated[bool, "Whether the model takes it: held-out readings are predicted better."]
     notes: Annotated[tuple[str, ...], "What the readings do not determine, one sentence each."]
+
+
+class LoadStatesReport(Result, name="auxiliary"):
+    """Powers of the states of auxiliary loads."""
+
+    fits: Annotated[
+        tuple[LoadsFit, ...],
+        "One for each load with a meter, one for all behind that of the outlet.",
+    ]
+    refused: Annotated[Texts, "Why others could not be identified, one sentence each."]
 
 
 def fit_own(load: AuxiliaryLoad, parts: Sequence[StateReadings], gain: float) -> LoadsFit:

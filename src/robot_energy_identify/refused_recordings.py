@@ -32,6 +32,7 @@ from robot_energy_identify.check.evidence import (
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter, lag_of
+from robot_energy_identify.check.meter_step import step_of
 from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread, undone
@@ -41,6 +42,7 @@ from robot_energy_identify.provenance import require_some
 # What no identification can mend, whatever the bodies: others, such as a payload, are notes.
 MISTAKES = (
     "torque_sign", "joint_sign", "joint_order", "torque_scale", "gear_ratio", "effort_meaning",
+    "other_robot",
 )  # fmt: skip
 # All torques and powers follow from positions and velocities.
 MOTION_MISTAKES = ("degrees", "millimetres", "velocity_scale", "velocity_sign", "velocity_zero")
@@ -195,6 +197,7 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
     if (result := recording.replay) is not None:
         problems += [one.sentence for one in result.joint_states.findings()]
         problems += [result.meter.refused, *remarks_of(result).meter]
+        problems.append(result.pipeline.friction.refused)
     return tuple(f"{recording.path.name}: {one}" for one in problems if one)
 
 
@@ -217,6 +220,16 @@ def _spoils(finding: Finding) -> bool:
     """Whether a finding of the meter is a mistake that no step undoes."""
     off = finding.cause == "meter_clock" and abs(finding.evidence) > MAX_LATE
     return off or finding.cause in METER_MISTAKES
+
+
+def stepping_meters(recordings: Iterable[Recording]) -> tuple[str, ...]:
+    """Return the recordings whose meter steps where their model does not, one sentence each."""
+    found = (
+        (part.path.name, step_of(compared, part.span_ns[0]))
+        for part in recordings
+        for compared in part.compared
+    )
+    return tuple(f"{name}: {_sentence(step)}" for name, step in found if step is not None)
 
 
 def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tuple[str, ...]]:

@@ -37,11 +37,11 @@ from robot_energy_identify.cabinet.dc_link import Voltages
 from robot_energy_identify.cabinet.fan import FanFound, with_begin
 from robot_energy_identify.data.bags import Bag, BagFacts, powers_of, read_all
 from robot_energy_identify.data.recordings import spread
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.delays import meter_lags, with_response
 from robot_energy_identify.drives.drive_data import DriveData, drive_data
 from robot_energy_identify.provenance import identified_from
-from robot_energy_identify.stats.lag import Delay
+from robot_energy_identify.stats.lag import Delay, MeterDelay, MeterTimeConstant
 from robot_energy_identify.steps import (
     STEPS,
     SUBJECTS,
@@ -52,6 +52,7 @@ from robot_energy_identify.steps import (
     capacitor_step,
     constants_step,
     drives_step,
+    dynamics_step,
     fan_refused,
     friction_step,
 )
@@ -69,17 +70,11 @@ class FullIdentification(Described):
 
     given: Annotated[RobotModel, "The model that it began with."]
     steps: Annotated[tuple[Step, ...], "In the order in which they were done."]
-    meter_delay: Annotated[
-        Delay | None,
-        "Of the power meter behind the joint states; undone where it is sure. None where it "
-        "cannot be determined.",
-    ] = None
+    meter_delay: MeterDelay = None
     share_shape: Annotated[
         bool, "Whether axes of too small a range borrowed the temperature shape of others."
     ] = False
-    meter_time_constant: Annotated[Delay | None, "Of a low pass in the power meter; likewise."] = (
-        None
-    )
+    meter_time_constant: MeterTimeConstant = None
 
     @property
     def model(self) -> RobotModel:
@@ -143,9 +138,10 @@ def identify_everything(
             step = Step(subject, None, effort_refused, now)
         else:
             found = [part.found for part in steps if part.taken]
-            drives = next((one for one in found if isinstance(one, DrivesFound)), None)
+            drives = next((one for one in found if isinstance(one, DrivesReport)), None)
             make: dict[Subject, MadeStep] = {
                 **STEPS,
+                "dynamics": partial(dynamics_step, in_fold=not strict),
                 "friction": partial(friction_step, share=share_shape),
                 "capacitor": partial(capacitor_step, voltages=voltages, drives=drives),
             }
@@ -160,7 +156,7 @@ def identify_everything(
                     step = replace(step, model=now)
                 else:
                     step = _made(drives_step, subject, bags, now, source, strict)
-        steps.append(step if strict else step.without_rows())
+        steps.append(step)
         if subject == "drives" and step.taken and len(steps) > 1:
             cabinet = steps[-2]
             if isinstance(cabinet.found, CabinetFit) and cabinet.taken:
@@ -222,12 +218,13 @@ def in_turns(
         times += 1
         before = drives.model.cabinet
         try:
-            fit = fit_cabinet(read_all(bags, drives.model))
+            seen = _with_fan(drives.model, model.cabinet.fan)
+            fit = fit_cabinet(read_all(bags, seen))
             if isinstance(cabinet.found, CabinetFit):
                 known = cabinet.found
                 fit = fit.with_fan(FanFound(known.fan, known.fan_reason, known.fan_likely))
             again = cabinet_step(model, fit, source)
-            new = drives_step(bags, again.model, source)
+            new = drives_step(bags, again.model, source, seen)
         except (NotIdentifiableError, ImplausibleIdentificationError) as error:
             note = (
                 "cabinet and drives were not identified again, each with the result of the "
@@ -248,7 +245,7 @@ def in_turns(
     return cabinet, replace(drives, notes=(*drives.notes, note))
 
 
-def _with_fan(model: RobotModel, fan: CabinetFan) -> RobotModel:
+def _with_fan(model: RobotModel, fan: CabinetFan | None) -> RobotModel:
     return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
 
 

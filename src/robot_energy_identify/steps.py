@@ -7,18 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import field, replace
 from typing import Annotated, Literal
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.foundation.process_memory import give_back_freed_memory
 from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.friction import viscous_law
+from robot_energy.results.base import Result, Texts
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.cabinet.cabinet import (
     CabinetFit,
@@ -30,19 +29,22 @@ from robot_energy_identify.cabinet.dc_link import LinkFit, Voltages, fit_link, w
 from robot_energy_identify.cabinet.fan import FanFound, with_fan
 from robot_energy_identify.data.bags import Bag, motion_time, powers_of, read_all
 from robot_energy_identify.data.recordings import MotionBlock, Recording, channels_of
-from robot_energy_identify.drives.all_drives import DrivesFound, TotalFound, find_drives
+from robot_energy_identify.drives.all_drives import DrivesReport, TotalPower, find_drives
 from robot_energy_identify.drives.drive_data import drive_data
-from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
+from robot_energy_identify.dynamics.dynamics import (
+    DynamicsReport,
+    DynamicsSettings,
+    identify_dynamics,
+)
 from robot_energy_identify.dynamics.dynamics_model import SOURCE, to_model
-from robot_energy_identify.dynamics.validation import TorqueError
 from robot_energy_identify.friction.friction import (
     FrictionFit,
     fit_laws,
 )
 from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.friction_and_thermal import (
-    FrictionFound,
-    ThermalFound,
+    FrictionReport,
+    ThermalReport,
     find_friction,
     find_thermal,
 )
@@ -54,7 +56,7 @@ from robot_energy_identify.plausibility import (
     check_total,
 )
 from robot_energy_identify.stats.cross_validation import GAIN
-from robot_energy_identify.thermal.windows import without_networks
+from robot_energy_identify.thermal.network import without_networks
 
 Subject = Literal["dynamics", "friction", "cabinet", "drives", "capacitor", "thermal"]
 SUBJECTS: tuple[Subject, ...] = (
@@ -62,48 +64,23 @@ SUBJECTS: tuple[Subject, ...] = (
 )  # fmt: skip
 
 
-class DynamicsFound(Described):
-    """Bodies, rotors and friction, and what the bodies are worth."""
-
-    result: Dynamics
-    consistent: TorqueError
-    given: Annotated[
-        TorqueError, "The same with the bodies as given; rotors and friction refitted."
-    ]
-    seconds: Annotated[float, "Taken of each recording, in pieces of it; infinite for all. [s]"]
-
-    @cached_property
-    def least_squares(self) -> TorqueError:
-        """Held-out torque error of the least-squares fit."""
-        return self.result.held_out()
+Found = DynamicsReport | FrictionReport | CabinetFit | DrivesReport | LinkFit | ThermalReport
 
 
-Found = DynamicsFound | FrictionFound | CabinetFit | DrivesFound | LinkFit | ThermalFound
-
-
-class Step(Described):
+class Step(Result):
     """One step of the whole."""
 
-    subject: Subject
-    found: Annotated[Found | None, "What the recordings determine; None if the step was left out."]
-    reason: Annotated[
-        str, "Why it was left out, or why what was found was not taken; empty otherwise."
-    ]
-    model: RobotModel
-    notes: Annotated[tuple[str, ...], "What was decided without data, one sentence each."] = ()
+    subject: Annotated[Subject, "What it is about."]
+    taken: Annotated[bool, "Whether the model has what was found."] = field(
+        default=False, kw_only=True
+    )
+    found: Annotated[Found | None, "What the recordings show; None if the step was left out."]
+    reason: Annotated[str, "Why it was left out, or not taken; empty otherwise."]
+    model: Annotated[RobotModel, "After the step."] = field(repr=False)
+    notes: Annotated[Texts, "What was decided without data, one sentence each."] = ()
 
-    @property
-    def taken(self) -> bool:
-        """Whether the model holds what was found."""
-        return self.found is not None and not self.reason
-
-    def without_rows(self) -> Step:
-        """Return the step without the rows of the dynamics, which only its report asks for."""
-        found = self.found
-        if not isinstance(found, DynamicsFound):
-            return self
-        result = replace(found.result, observations=found.result.observations.without_rows())
-        return replace(self, found=replace(found, result=result))
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "taken", self.found is not None and not self.reason)
 
 
 def _measured(bags: Sequence[Bag], model: RobotModel) -> list[Recording]:
@@ -133,8 +110,13 @@ def _warm(recordings: Sequence[Recording]) -> bool:
     return any(np.isfinite(part.power.motor_temperature_degc).any() for part in recordings)
 
 
-def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
-    """Bodies are taken if they predict torque better than those of the model."""
+def dynamics_step(
+    bags: Sequence[Bag], model: RobotModel, source: str, in_fold: bool = False
+) -> Step:
+    """Return bodies, rotors and friction; taken if the bodies predict torque better than the old.
+
+    In a fold the least-squares fit is not tested, and no rows are kept.
+    """
     recordings = _measured(bags, model)
     stated = [bag for bag in bags if bag.effort is not EffortMeaning.NONE]
     seconds = motion_time(recordings, len(stated))
@@ -146,13 +128,18 @@ def _dynamics(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     settings = DynamicsSettings(sensors=bags[0].sensors, seen=seen)
     give_back_freed_memory()
     result = identify_dynamics(channels_of(level), model, settings)
-    found = DynamicsFound(
-        result, result.held_out_consistent(), result.held_out_given_bodies(), seconds
-    )
-    new, old = found.consistent.total, found.given.total
+    tests = "held_out_model_file", "held_out_given_bodies"
+    found = result.report(tests if in_fold else ("held_out", *tests))
+    error, given = (found.torque_error[test] for test in tests)
+    new, old = error.total, given.total
+    if np.isfinite(seconds):
+        notes += (f"of each recording {seconds:.0f} s were used",)
+    if in_fold:
+        small = replace(result, observations=result.observations.without_rows())
+        found = replace(found, result=small)
     # without temperatures this step alone determines friction, so equal bodies will do
     if new < old * (GAIN if _warm(recordings) else 1.0 / GAIN):
-        check_dynamics(result, found.consistent)
+        check_dynamics(result, error)
         return Step("dynamics", found, "", to_model(result, ()), notes)
     return Step(
         "dynamics",
@@ -209,11 +196,10 @@ def _over_temperature(axis: FrictionData) -> FrictionFit | None:
 
     None where the data do not determine it.
     """
-    untested = np.empty(0)
-    tried = [replace(axis.by_load(np.inf), load=untested)] if axis.load.any() else []
-    for data in (*tried, replace(axis, load=untested)):
+    loaded = [axis.by_load(np.inf)] if axis.rigid is not None and axis.rigid.any() else []
+    for tried in (*loaded, axis):
         with suppress(NotIdentifiableError):
-            return fit_laws(data)
+            return fit_laws(replace(tried, rigid=None))
     return None
 
 
@@ -271,12 +257,18 @@ def cabinet_step(model: RobotModel, fit: CabinetFit, source: str) -> Step:
     return Step("cabinet", fit, "", with_cabinet(model, fit, source))
 
 
-def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
+def drives_step(
+    bags: Sequence[Bag], model: RobotModel, source: str, seen: RobotModel | None = None
+) -> Step:
     """Return the losses of the drives.
 
     Each drive by measured torque; one meter for all by that of the model, which is what runs.
+
+    Args:
+        seen: Model whose drives and cabinet say which readings the DC link feeds; None for
+            ``model``.
     """
-    recordings, powers = powers_of(bags, model)
+    recordings, powers = powers_of(bags, model if seen is None else seen)
     measured = any(power is not None for power in powers) and all(
         bag.effort in (EffortMeaning.MOTOR_TORQUE, EffortMeaning.MOTOR_CURRENT)
         and np.isfinite(part.torque.motor_torque_measured).any()
@@ -293,14 +285,14 @@ def drives_step(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
     if reason:
         return Step("drives", found, reason, model)
     if found.drives is None and found.total is not None:
-        check_total(found.total.data, found.total.scores)
+        check_total(found.total.data, found.total.ways)
     written, notes = found.write(model, source)
     return Step("drives", found, "", written, tuple(notes))
 
 
 def fan_refused(drives: Step) -> str:
     """Return why the fan that was taken off the readings is not taken; empty if it is."""
-    total = drives.found.total if isinstance(drives.found, DrivesFound) else None
+    total = drives.found.total if isinstance(drives.found, DrivesReport) else None
     if total is None or not total.fan_test:
         return "without losses of the drives it cannot be tested on held-out readings"
     new, old = total.fan_test[0]  # all readings, then those at rest
@@ -313,9 +305,9 @@ def fan_refused(drives: Step) -> str:
     )
 
 
-def _not_better(total: TotalFound) -> str:
+def _not_better(total: TotalPower) -> str:
     """Why losses from one meter are not taken; empty if they are better than the model's own."""
-    given, new = total.scores.get("given"), total.scores.get("identified")
+    given, new = total.ways.get("given"), total.ways.get("identified")
     if new is None:
         return "too few readings to test the losses on readings that they have not seen"
     if given is None or not np.isfinite(given.rms):
@@ -334,7 +326,7 @@ def capacitor_step(
     model: RobotModel,
     source: str,
     voltages: Voltages | None = None,
-    drives: DrivesFound | None = None,
+    drives: DrivesReport | None = None,
 ) -> Step:
     """Return what was found of the DC link's energy, after all that decides when it fills.
 
@@ -361,7 +353,7 @@ def _thermal(bags: Sequence[Bag], model: RobotModel, source: str) -> Step:
 
 MadeStep = Callable[[Sequence[Bag], RobotModel, str], Step]
 STEPS: dict[Subject, MadeStep] = {
-    "dynamics": _dynamics,
+    "dynamics": dynamics_step,
     "friction": friction_step,
     "cabinet": constants_step,
     "drives": drives_step,

@@ -38,7 +38,7 @@ from robot_energy_identify.drives.efficiency_map import (
     fitted_efficiency,
     processed,
 )
-from robot_energy_identify.drives.loss_map import fitted_loss_map
+from robot_energy_identify.drives.losses import fitted_loss_map
 from robot_energy_identify.dynamics.dynamics_model import to_model
 from robot_energy_papers.machines import layer
 from robot_energy_papers.mantis import (

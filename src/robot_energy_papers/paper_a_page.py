@@ -12,7 +12,7 @@ from robot_energy.physics.friction import with_fixed_friction
 from robot_energy.replay.bag_replay import replay
 from robot_energy.results.base import json_value
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.results.identification import FrictionReport
+from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_papers.calibration import Calibration
 from robot_energy_papers.drawings import (
     EnergyStudy,

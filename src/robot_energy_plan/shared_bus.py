@@ -277,7 +277,7 @@ class BusRobot:
 
     def __post_init__(self) -> None:
         self.deviations = DeviationSums(self.model)
-        self._fan = FanStage(self.model.cabinet)
+        self._fan = FanStage(self.model.cabinet, assumed=True)
         self._parts: list[tuple[Int, Int, Float]] = []
         self.moves_at_end = False  # some motor turns at the last sample
 

@@ -10,10 +10,10 @@ import numpy as np
 from robot_energy.foundation.errors import ShapeError
 from robot_energy.model.drive_models import DRIVE_MODELS, EfficiencyMap
 from robot_energy.results.base import known
+from robot_energy_identify.drives.all_drives import DrivesReport, LossTerm, TotalPower
 from robot_energy_identify.drives.drives import WAYS, AxisFit, DrivesFit
 from robot_energy_identify.drives.losses import TERMS
 from robot_energy_identify.drives.total_sums import COEFFICIENTS
-from robot_energy_identify.results.identification import DrivesReport, LossTerm, TotalPower
 from robot_energy_identify.stats.lag import Delay
 from robot_energy_report.canvas import COLOURS, Target, panels
 from robot_energy_report.document import Column, Document

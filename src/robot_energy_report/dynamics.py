@@ -9,11 +9,16 @@ import numpy as np
 
 from robot_energy.foundation.described import Described
 from robot_energy.results.base import known
-from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsReport
 from robot_energy_identify.dynamics.dynamics_model import friction_at_joints
-from robot_energy_identify.dynamics.leave_one_out import HoldOutResult, LeaveOneOut, share_off
-from robot_energy_identify.dynamics.validation import TorqueError, temperature_remark
-from robot_energy_identify.results.dynamics import KINDS, DynamicsReport, ExcitationReport
+from robot_energy_identify.dynamics.leave_one_out import share_off
+from robot_energy_identify.dynamics.validation import (
+    HoldOutResult,
+    LeaveOneOut,
+    TorqueError,
+    temperature_remark,
+)
+from robot_energy_identify.excitation.excitation import KINDS, ExcitationReport
 from robot_energy_identify.stats.cross_validation import FOLDS
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (

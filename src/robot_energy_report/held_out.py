@@ -103,10 +103,10 @@ def held_out_document(test: HeldOutEnergy, names: tuple[str, ...], page: Documen
     if test.metered:
         _energy_tables(test, stages, page)
     page.rows(
-        "Shaft energy of all axes, predicted over measured minus 1, held out",
+        "Shaft energy of all axes, error over that measured either way, held out",
         [
             Column("recording", "name"),
-            Column("measured", "shaft", energy_text),
+            Column("measured", "shaft_either_way", energy_text),
             Column("as given", lambda entry: entry.shaft_error(GIVEN), signed_percent),
             Column("new model", lambda entry: entry.shaft_error(last), signed_percent),
         ],

@@ -10,20 +10,18 @@ import numpy as np
 from robot_energy.foundation.errors import ShapeError
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.friction import viscous_law
+from robot_energy_identify.auxiliary import LoadStatesReport
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
+from robot_energy_identify.cabinet.supply import CabinetReport
+from robot_energy_identify.cabinet.thermometers import REST_FIRST
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import fitted_laws
+from robot_energy_identify.friction.temperature_study import FrictionStudyReport
 from robot_energy_identify.friction.torque_constants import FallingConstant
-from robot_energy_identify.results.identification import (
-    CabinetReport,
-    FrictionReport,
-    FrictionStudyReport,
-    LoadStatesReport,
-    ThermalReport,
-)
+from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
 from robot_energy_identify.stats.lag import Delay
 from robot_energy_identify.thermal.gear import GearsFound
 from robot_energy_identify.thermal.network import ThermalFit
@@ -317,6 +315,8 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
             f"a fan takes {uncertain(fan.power, fan.std)} W once the warmest motor is above "
             f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {shown}"
         )
+        if fan.thermometers is None:
+            page.note(f"which motor is the warmest is not sure: thermometers differ; {REST_FIRST}")
     elif fit.fan_reason:
         page.note(f"fan: {fit.fan_reason}")
 

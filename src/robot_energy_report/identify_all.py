@@ -22,17 +22,12 @@ from robot_energy_identify.bounds import not_identified
 from robot_energy_identify.cabinet.cabinet import CabinetFit
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.data.bags import VIRTUAL, BagFacts
+from robot_energy_identify.drives.all_drives import DrivesReport, TotalPower
 from robot_energy_identify.drives.drives import DrivesFit
-from robot_energy_identify.results.dynamics import DynamicsReport
-from robot_energy_identify.results.identification import (
-    DrivesReport,
-    FrictionReport,
-    IdentificationReport,
-    StepReport,
-    ThermalReport,
-    TotalPower,
-)
-from robot_energy_identify.steps import DynamicsFound
+from robot_energy_identify.dynamics.dynamics import DynamicsReport
+from robot_energy_identify.friction_and_thermal import FrictionReport, ThermalReport
+from robot_energy_identify.results.identification import IdentificationReport
+from robot_energy_identify.steps import Step
 from robot_energy_report.document import Column, Document
 from robot_energy_report.drives import drives_document
 from robot_energy_report.dynamics import dynamics_document
@@ -215,7 +210,7 @@ def identification_overview(report: IdentificationReport, page: Document) -> Non
         )
 
 
-def _came_of(step: StepReport) -> str:
+def _came_of(step: Step) -> str:
     if step.reason:
         return step.reason
     match step.found:
@@ -302,7 +297,7 @@ def _readings(entry: BagFacts) -> str | None:
     return f"{entry.readings} at {place}{', drives' if entry.drives else ''}"
 
 
-def _step(step: StepReport, report: IdentificationReport, page: Document) -> None:
+def _step(step: Step, report: IdentificationReport, page: Document) -> None:
     if step.found is None:
         page.note(f"not done: {step.reason}")
         return
@@ -318,9 +313,6 @@ def _step(step: StepReport, report: IdentificationReport, page: Document) -> Non
                 f"{percent(errors['held_out_given_bodies'].total)} of the moving torque; "
                 f"identified bodies {percent(errors['held_out_model_file'].total)}"
             )
-            source = step.step.found
-            if isinstance(source, DynamicsFound) and source.seconds < float("inf"):
-                page.paragraph(f"of each recording {source.seconds:.0f} s were used")
         case FrictionReport() as found:
             friction_document(found, page)
         case CabinetFit() as fit:

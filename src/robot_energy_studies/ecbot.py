@@ -177,7 +177,7 @@ def tested(
     rows: list[TestedRecording] = []
     for place, number in enumerate(numbers):
         out = pieces.recording == number
-        train, test = replace(pieces, deviations=False).rows(~out), pieces.rows(out)
+        train, test = replace(pieces, deviations=False)[~out], pieces[out]
         predicted[out] = predict(test, fit_total(train))
         constant[out] = predict(test, fit_structure(train, "constant"))
         path, moved = (None, None) if work is None else work[place]

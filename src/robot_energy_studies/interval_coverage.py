@@ -27,11 +27,10 @@ from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.data.bags import Bag, Kept
 from robot_energy_identify.drives.drive_power import DrivePowerTopics
-from robot_energy_identify.dynamics.dynamics import Dynamics
+from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsReport
 from robot_energy_identify.dynamics.dynamics_model import with_link_parameters
 from robot_energy_identify.run_all import FullIdentification, identify_everything
 from robot_energy_identify.stats.systematic import ROOT3, SensorLimits
-from robot_energy_identify.steps import DynamicsFound
 from robot_energy_papers.models import with_values
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
@@ -154,7 +153,7 @@ class DrawnPlant(Described):
         model, profile = result.model, self.profile
         found = result.step("dynamics").found
         figures: list[Judged] = []
-        if isinstance(found, DynamicsFound):
+        if isinstance(found, DynamicsReport):
             figures += _bodies(found.result, profile)
         figures += _friction(model, profile, self.config)
         for joint, resistance, constant in zip(

@@ -31,9 +31,10 @@ from robot_energy_identify.friction.friction import fit_axes, with_friction
 from robot_energy_identify.friction.samples import friction_data
 from robot_energy_identify.thermal.network import (
     fit_networks,
+    runs_of_recordings,
     with_networks,
+    without_networks,
 )
-from robot_energy_identify.thermal.windows import runs_of_recordings, without_networks
 from robot_energy_plan.motion import Program, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, Sensors, VirtualRig, random_profile
 from robot_energy_rig.record import ORIGIN, outputs

@@ -17,7 +17,7 @@ from fleets import fleet, written
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.report import fleet_report
-from robot_energy_fleet.tables import SCHEMAS, FleetTables
+from robot_energy_fleet.tables import FleetTables
 
 ROBOTS, WEEKS = 4, 5
 WEEK_NS = 7 * 86_400_000_000_000
@@ -28,8 +28,7 @@ def again(tables, copy):
     """The same rows of other robots and another week."""
     shift = copy % WEEKS * WEEK_NS
     frames = {}
-    for name in SCHEMAS:
-        frame = getattr(tables, name)
+    for name, frame in vars(tables).items():
         moved = [pl.col(one) + shift for one in STAMPS if one in frame.columns]
         if name == "joints":
             moved.append(pl.col("wear_stamp_ns").list.eval(pl.element() + shift))
@@ -46,7 +45,7 @@ def main():
     wanted = parser.parse_args().bags
     week = fleet(ROBOTS, faults=False)
     copies = [again(week, copy) for copy in range(-(-wanted // len(week.runs)))]
-    tables = FleetTables(*(pl.concat([getattr(one, name) for one in copies]) for name in SCHEMAS))
+    tables = FleetTables(*map(pl.concat, zip(*(vars(one).values() for one in copies), strict=True)))
     with TemporaryFolder() as place:
         folder = Path(written(place.path / "dataset", tables))
         size = sum(path.stat().st_size for path in folder.rglob("*.parquet"))

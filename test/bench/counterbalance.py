@@ -28,8 +28,8 @@ from robot_energy.model import RobotModel, load, save
 from robot_energy.model.joint import Joint
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.data.log_channels import model_of
+from robot_energy_identify.data.observations import Channels, stretches
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.data.signals import Channels, stretches
 from robot_energy_identify.dynamics.dynamics import identify_dynamics
 from robot_energy_identify.dynamics.validation import torque_error
 from robot_energy_identify.excitation.excitation import ExcitationSettings, optimise_excitation

@@ -11,26 +11,30 @@ from __future__ import annotations
 
 import time
 from argparse import ArgumentParser
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
 import numpy as np
+import polars as pl
 
 from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.pipeline import Output
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Learning
 from robot_energy_fleet.bag_joints import JointSums
+from robot_energy_fleet.bag_row import register_values
 from robot_energy_fleet.bag_sums import HourSums
 from robot_energy_fleet.report import fleet_report
 from robot_energy_fleet.results.fleet import FleetReport
-from robot_energy_fleet.tables import FleetTables, Rows, tables_of
+from robot_energy_fleet.tables import RUNS, TABLES, FleetTables, in_si
+from robot_energy_history.readings import COLUMNS
 from robot_energy_rig.config import RigOutput
 from robot_energy_studies.generated_fleet import ROBOT, FleetPlan, Visit, visits
 from robot_energy_studies.learning_study import joint_block, pipeline_of
 
 STEP = 30.0  # of rig and pipeline [s]
 CAUSES = {"wear": "friction"}  # kinds of findings that mean the same fault
+Rows = dict[str, list[dict[str, Any]]]
 
 
 class FleetRow(Described):
@@ -62,6 +66,19 @@ def judged(report: FleetReport, faults: dict[str, str]) -> FleetRow:
     return FleetRow(tuple(found), missed, tuple(false), report)
 
 
+def tables_of(bags: Iterable[Rows]) -> FleetTables:
+    """Return the rows of many bags, by the columns of a dataset, as tables."""
+    rows: Rows = {name: [] for name in ("runs", "jobs", "hours", "joints")}
+    for bag in bags:
+        for name, own in bag.items():
+            rows[name] += own
+    of_bag, columns = {"key": pl.String, "robot": pl.String}, {"runs": RUNS, **TABLES}
+    kinds = {name: of_bag | {key: one.kind for key, one in columns[name].items()} for name in rows}
+    return FleetTables(
+        **{name: in_si(pl.DataFrame(own, schema=kinds[name])) for name, own in rows.items()}
+    )
+
+
 def fleet_tables(plan: FleetPlan) -> FleetTables:
     """Return the tables of a generated fleet, without bags."""
     model = load(ROBOT)
@@ -70,13 +87,13 @@ def fleet_tables(plan: FleetPlan) -> FleetTables:
 
 def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
     pipeline = pipeline_of(model, Learning.OBSERVE, with_torque=True)
-    joints, hours = JointSums(model), HourSums(model)
+    joints, hours = JointSums(model), HourSums()
+    pipeline.account.on_reading = lambda ns: hours.take(pipeline.account, ns)
     power: list[tuple[Int, Float]] = []
     meter: list[tuple[Int, Float]] = []
 
     def take(output: Output) -> None:
         joints.take(output)
-        hours.take(output)
         if output.power is not None:
             power.append((output.power.stamp_ns, output.power.grid_power))
         if output.meter is not None:
@@ -85,13 +102,11 @@ def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
     for output in _steps(visit):
         take(pipeline.step(joint_block(output.joints), output.temperatures, output.meter))
     take(pipeline.flush())
+    hours.take(pipeline.account, 0)
     stamp_ns, grid = (np.concatenate(parts) for parts in zip(*power, strict=True))
     read_ns, read = (np.concatenate(parts) for parts in zip(*meter, strict=True))
     own = {"key": str(key), "robot": visit.robot}
-    rows, (measured, predicted) = (
-        joints.table(pipeline.condition.wear),
-        (pipeline.account.comparison.joule.tolist()),
-    )
+    rows, registers = joints.table(pipeline.condition.wear), register_values(pipeline.account)
     known = [row["motor_temperature_degc"] for row in rows]
     jobs: list[dict[str, Any]] = []
     for begin, end in visit.jobs:
@@ -102,24 +117,23 @@ def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
         jobs.append(
             own
             | {
-                "name": visit.programme, "start_ns": first, "end_ns": last, "time": end - begin,
-                "gap_time": 0.0, "energy": energy, "measured_energy": float(read[within].sum()),
-                "predicted_energy_at_meter": energy,
+                "name": visit.programme, "start_ns": first, "end_ns": last,
+                "observed_ns": last - first, "gap_ns": 0, "compared_ns": last - first,
+                "predicted_import_microjoule": round(energy * 1e6),
+                "predicted_return_microjoule": 0,
+                "measured_microjoule": round(float(read[within].sum()) * 1e6),
+                "predicted_microjoule_at_meter": round(energy * 1e6),
             }
         )  # fmt: skip
-    sums = hours.table()
-    run = own | {
+    run = own | dict(zip(COLUMNS, registers, strict=True)) | {
         "bag": visit.name, "model_id": model.model_id, "reason": "",
         "start_ns": int(stamp_ns[0]), "end_ns": int(stamp_ns[-1]),
-        "observed_time": sum(row["observed_time"] for row in sums),
-        "grid_energy": sum(row["grid_energy"] for row in sums), "brake_energy": 0.0,
-        "measured_energy": measured, "predicted_energy_at_meter": predicted,
         "motor_temperature_degc": None if None in known else float(np.mean(known)),
     }  # fmt: skip
     return {
         "runs": [run],
         "jobs": jobs,
-        "hours": [own | row for row in sums],
+        "hours": [own | row for row in hours.table()],
         "joints": [own | row for row in rows],
     }
 

@@ -106,7 +106,7 @@ def yu_cobot(file: Path) -> Iterator[LeftOut]:
     pieces = sums(cobot_data(file), None)
     for number in np.unique(pieces.recording).tolist():
         out = pieces.recording == number
-        train, test = pieces.rows(~out), pieces.rows(out)
+        train, test = pieces[~out], pieces[out]
         fit = fit_total(train)
         covariance = total_covariance(train, fit, None, None)
         assert covariance is not None
@@ -132,8 +132,8 @@ def xarm_friction(file: Path) -> Iterator[LeftOut]:
         out = degc == at
         if out.sum() < MIN_SAMPLES:
             continue
-        fit, unseen = fit_friction(axis.rows(~out)), axis.rows(out)
-        rest = nuisance(fit_law(fit.chosen, axis.rows(~out))[1], unseen)
+        fit, unseen = fit_friction(axis[~out]), axis[out]
+        rest = nuisance(fit_law(fit.chosen, axis[~out])[1], unseen)
         curve, speed = viscous_law(fit.law), np.abs(unseen.motor_velocity)
         temperature = unseen.motor_temperature_degc
         power = float(np.mean(fit.coulomb * speed + curve.viscous(temperature) * speed**2))

@@ -41,7 +41,7 @@ from robot_energy_identify.friction.friction import (
     fit_laws,
     with_friction,
 )
-from robot_energy_identify.friction.held_out import folds_of_axis
+from robot_energy_identify.friction.laws import folds_of_axis
 from robot_energy_identify.friction.samples import (
     FrictionData,
     friction_data,
@@ -121,7 +121,7 @@ def independent_plant(seed: int) -> dict[str, TermErrors]:
 
 def in_motion(data: FrictionData) -> FrictionData:
     """Return the samples in motion, also where they are too few for `identify friction`."""
-    return data.rows(moving_rows(data))
+    return data[moving_rows(data)]
 
 
 def kr300(data: Path, folder: Path) -> dict[str, TermErrors]:

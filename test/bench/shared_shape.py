@@ -94,7 +94,7 @@ def real(data: Path) -> list[tuple[str, ...]]:
         friction_data_of_log([log.whole() for log in logs], mapping.joints.names, 0)
     )
     degc = axis.motor_temperature_degc
-    warm, cold = axis.rows(degc >= 29.0), axis.rows(degc <= 25.0)
+    warm, cold = axis[degc >= 29.0], axis[degc <= 25.0]
     constant, lent = errors(warm, cold, PAPER_A)
     return [("xArm 6 joint 3 [A]", f"{constant:.4f}", f"{lent:.4f}", f"{lent / constant:.2f}",
              "published shape of a KR 16")]  # fmt: skip

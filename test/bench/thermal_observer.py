@@ -30,8 +30,7 @@ from robot_energy.model import RobotModel, load, validate
 from robot_energy.physics.motor_heat import MotorHeat
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import JointBlock, TemperatureBlock
-from robot_energy_identify.thermal.network import ambient_of, fit_network, free_run
-from robot_energy_identify.thermal.windows import runs_of_log
+from robot_energy_identify.thermal.network import ambient_of, fit_network, free_run, runs_of_log
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import load_mapping
 from robot_energy_logs.recording import LogBlock

@@ -14,7 +14,7 @@ import pytest
 from robot_energy.model import load
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy_identify.data.signals import stretches
+from robot_energy_identify.data.observations import stretches
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.torque_model import standard_columns
 from robot_energy_identify.dynamics.validation import torque_error

@@ -3,12 +3,12 @@
 import numpy as np
 import polars as pl
 import pytest
+from fleet_study import tables_of
 
-from fleets import fleet
+from fleets import exact, fleet
 from robot_energy.foundation.units import HOUR_NS
 from robot_energy_fleet.bag_joints import MEASURED, UPPER, gram_of
 from robot_energy_fleet.report import fleet_report
-from robot_energy_fleet.tables import SCHEMAS, tables_of
 
 DAY_NS = 24 * HOUR_NS
 DAYS, WORN_FROM = 60, 30
@@ -27,8 +27,11 @@ def days(model_of_day, wear, more=None):
     """
     whole, random = fleet(1, faults=False, days=1, cycles=6), np.random.default_rng(0)
     key = whole.runs.filter(pl.col("robot") == "robot-01").sort("start_ns")["key"][0]
-    run, *_ = whole.runs.filter(pl.col("key") == key).to_dicts()
-    rows = {name: getattr(whole, name).filter(pl.col("key") == key).to_dicts() for name in SCHEMAS}
+    rows = {
+        name: [exact(row) for row in table.filter(pl.col("key") == key).to_dicts()]
+        for name, table in vars(whole).items()
+    }
+    run, *_ = rows["runs"]
     for day in range(DAYS):
         name, ratio, prefix = model_of_day(day)
         later = day * DAY_NS
@@ -100,8 +103,10 @@ def bags_of(robot, model_of_day, standing):
                 "motion_time": 3600.0 - standby, "grid_energy": 1e6, "standby_time": standby,
                 "standby_energy": 100.0 * standby}  # fmt: skip
         energy = 1000.0 * (1.5 if standing else 1.0 + 0.001 * ((3 * int(robot[1:]) + day) % 7))
-        job = {"name": "pick", "time": 10.0, "gap_time": 0.0, "energy": energy}
-        yield {"runs": [span | run], "hours": [hour], "jobs": [span | job]}
+        job = {"name": "pick", "observed_time": 10.0, "gap_time": 0.0, "grid_energy": energy,
+               "predicted_return_energy": 0.0}  # fmt: skip
+        rows = {"runs": span | run, "hours": hour, "jobs": span | job}
+        yield {name: [exact(row)] for name, row in rows.items()}
 
 
 @pytest.mark.parametrize("change", [4, 99])

@@ -22,6 +22,7 @@ from robot_energy.replay.setup import ReplaySetup
 from robot_energy.results.replay import replay_report
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
+from robot_energy_identify.api.evaluate import evaluate
 from robot_energy_identify.api.identify import identify_all, identify_cabinet
 from robot_energy_rig import RigConfig, VirtualRig
 from robot_energy_rig.record import record
@@ -75,6 +76,11 @@ def test_the_model_file_predicts_an_unseen_run_at_an_unseen_temperature(outcome:
         predicted = entry["predictions"][stage]["energy"]
         assert predicted / entry["measured"] - 1.0 == pytest.approx(error_)
         assert known["mean_error"][stage] == pytest.approx(abs(error_))
+    joints = evaluate(unseen, outcome / "model.yaml", effort="motor_torque").together[0].all_joints
+    assert joints is not None
+    off = (entry["predictions"]["capacitor"]["shaft"] - entry["shaft"]) / entry["shaft_either_way"]
+    # which leaves out the first samples, whose acceleration is not known
+    assert off == pytest.approx(joints.shaft_energy_relative, rel=0.05)
 
 
 def test_the_report_is_whole_and_says_everything(outcome: Path) -> None:

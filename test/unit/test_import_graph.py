@@ -35,7 +35,7 @@ MODULES = {
         friction_certainty prediction_errors priors
     """,
     "robot_energy.condition": """
-        baseline drift joint_friction learner meter_fit record thermal_observer
+        baseline drift fan_odds joint_friction learner meter_fit record thermal_observer
         thermal_state wear wear_records
     """,
     "robot_energy.foundation": """
@@ -122,16 +122,17 @@ MODULES = {
         bag_source evaluate identify
     """,
     "robot_energy_identify.cabinet": """
-        cabinet dc_link fan levels link_errors link_readings phase_readings supply
+        cabinet dc_link fan levels link_readings phase_readings supply thermometers
     """,
     "robot_energy_identify.check": """
-        evidence finding meter motion possible_causes process remedies run torque torque_fit
+        evidence finding meter meter_step motion possible_causes process remedies run torque
+        torque_fit
     """,
     "robot_energy_identify.data": """
-        bags log_channels observations recordings rest signals thinned
+        bags log_channels observations recordings rest thinned
     """,
     "robot_energy_identify.drives": """
-        all_drives delays drive_data drive_power drives efficiency_map loss_map losses
+        all_drives delays drive_data drive_power drives efficiency_map losses
         total_covariance total_power total_sums
     """,
     "robot_energy_identify.dynamics": """
@@ -142,11 +143,11 @@ MODULES = {
         excitation limits
     """,
     "robot_energy_identify.friction": """
-        apart friction further_terms held_out hold laws samples shared_shape temperature_study
+        friction further_terms hold laws samples shared_shape temperature_study
         torque_constants
     """,
     "robot_energy_identify.results": """
-        dynamics evaluation identification
+        evaluation identification
     """,
     "robot_energy_identify.starter": """
         arm description model_remarks model_text priors
@@ -155,7 +156,7 @@ MODULES = {
         cross_validation held_out_energy lag regression systematic
     """,
     "robot_energy_identify.thermal": """
-        gear gears_by_meter network windows
+        gear gears_by_meter network
     """,
     "robot_energy_logs": """
         columns instants log_formats log_import mapping recording rows table text_table ur_rtde
@@ -187,7 +188,7 @@ MODULES = {
     """,
     "robot_energy_report": """
         canvas document drives dynamics energy evaluation formats headline held_out
-        history_month history_tables html identification identify_all jobs layout layouts
+        history_month history_tables html identification identify_all jobs layouts
         model notebook optimization prediction printing recordings repeats replay
         replay_figures
     """,

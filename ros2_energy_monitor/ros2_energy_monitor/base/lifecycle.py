@@ -13,16 +13,22 @@ from __future__ import annotations
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rosgraph_msgs.msg import Clock
 
-from robot_energy.foundation.errors import RobotEnergyError
+from robot_energy.foundation.errors import ParameterError, RobotEnergyError
+from robot_energy.foundation.shown_text import shown
 from robot_energy.timeline.stamps import is_valid_time
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.publishers import reliable
 
+REQUESTS = 100  # of a service that can wait; the 10 of ROS are lost in silence
+RCLError = rclpy_implementation.RCLError
 DONE, REFUSED, BROKEN = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,
@@ -48,6 +54,8 @@ class ManagedNode(LifecycleNode, ABC):
         self.guard = Guard(name, options.get("context"))
         self.bad_clocks = 0
         super().__init__(name, **options)
+        service = self._service_change_state
+        service.callback = partial(self._asked, service.callback)
         self.active = False
         self.outdated = False
         self._is_configured = False
@@ -128,6 +136,7 @@ class ManagedNode(LifecycleNode, ABC):
     ) -> Any:
         """Create a service that answers in any case; as in `rclpy.node.Node.create_service`."""
         guarded = self.guard.callback(f"service.{name.rpartition('/')[2]}", callback)
+        options.setdefault("qos_profile", reliable(REQUESTS))
         return super().create_service(kind, name, guarded, *args, **options)
 
     def create_subscription(
@@ -136,11 +145,34 @@ class ManagedNode(LifecycleNode, ABC):
         """Create a subscription whose callback no exception leaves.
 
         Arguments and result as in `rclpy.node.Node.create_subscription`.
+
+        Raises:
+            ParameterError: If another subscription of this process reads the topic as another type.
         """
         if kind is Clock:
             callback = self._stamped(callback)
         guarded = self.guard.callback(f"topic.{topic}", callback)
-        return super().create_subscription(kind, topic, guarded, *args, **options)
+        try:
+            return super().create_subscription(kind, topic, guarded, *args, **options)
+        except RCLError as error:
+            raise ParameterError(
+                f"topic '{topic}' cannot be read as {kind.__name__}",
+                "a topic that no other input of this node reads as another type",
+            ) from error
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Return the full name of a topic; as in `rclpy.node.Node.resolve_topic_name`.
+
+        Raises:
+            ParameterError: If no topic can have that name.
+        """
+        try:
+            return super().resolve_topic_name(topic, only_expand=only_expand)
+        except RCLError as error:
+            raise ParameterError(
+                f"'{topic}' cannot be the name of a topic",
+                "letters, digits, _ and /, such as arm/joint_states",
+            ) from error
 
     def _stamped(self, take: Callable[[Clock], None]) -> Callable[[Clock], None]:
         """Leave out times that no output could carry; rclpy raises for some of them."""
@@ -216,6 +248,22 @@ class ManagedNode(LifecycleNode, ABC):
         return self._run("shut down", end)
 
     on_error = on_cleanup  # after an error of the program
+
+    def _asked(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Answer a transition that this state does not have: rclpy raises, and never answers."""
+        known = {
+            transition[0]: transition[1] for transition in self._state_machine.available_transitions
+        }
+        wanted = request.transition.label or request.transition.id
+        if wanted in known or wanted in known.values():
+            return change(request, response)
+        expected = ", ".join(f"{label} ({number})" for number, label in known.items())
+        self.get_logger().error(
+            f"{self.get_name()} is {self.state} and has no transition {shown(str(wanted))}; "
+            f"expected one of {expected}"
+        )
+        response.success = False
+        return response
 
     def _stop(self) -> None:
         if self.active:

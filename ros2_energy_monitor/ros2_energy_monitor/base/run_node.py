@@ -32,6 +32,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
+from rclpy.service import Service
 from rclpy.signals import SignalHandlerOptions
 
 from robot_energy.foundation.errors import RobotEnergyError
@@ -133,16 +134,23 @@ class TickExecutor(SingleThreadedExecutor):
         return not latched and self.can_execute(subscription)
 
     def _execute_all(self) -> None:
-        """Execute all that is ready now."""
-        try:
-            while True:
-                handler, _, _ = self.wait_for_ready_callbacks(0.0)
-                handler()
-                error = handler.exception()
-                if error is not None:
-                    raise error
-        except TimeoutException:
-            return
+        """Execute all that is ready now: of a service one request after the other, for 0.2 s.
+
+        With a wait of zero rclpy gives one request of each service and ends.
+        """
+        answered = True
+        while answered and time.monotonic() < self._due:
+            answered = False
+            try:
+                while True:
+                    handler, entity, _ = self.wait_for_ready_callbacks(0.0)
+                    handler()
+                    error = handler.exception()
+                    if error is not None:
+                        raise error
+                    answered |= isinstance(entity, Service)
+            except TimeoutException:
+                continue
 
     def _execute_timers(self, timeout: float) -> None:
         """Sleep until the next timer and execute those that are ready."""

@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -20,6 +21,7 @@ from robot_energy.accounting.registers import Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.sources import names_remedy
 from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -30,7 +32,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy.timeline.stamps import sentence_of
 from robot_energy.timeline.streams import EpochSplitter
 from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
-from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.inbox import INACTIVE, Inbox
 from ros2_energy_monitor.diagnostics.inputs import InputWatch, accounting
 from ros2_energy_monitor.diagnostics.reporter import (
     ERROR,
@@ -70,9 +72,28 @@ class TimeWatch:
 
 
 NO_STATES = "start the driver or set joint_states.topics"
+NO_STAMP = "let the driver set the stamp, or set {}.stamp_source to receive"
+JOINT_STATE_REMEDIES = {"zero_stamp": NO_STAMP.format("joint_states")}
+METER_REMEDIES = {
+    "zero_stamp": NO_STAMP.format("meter"),
+    "unknown_location": "let the publisher set location to 1 (grid) or 2 (DC bus)",
+    "unknown_meaning": "let the publisher set meaning to 1, 2 or 3, as PowerReading says",
+    "changed_meaning": "let one meter publish; where its meaning or place has changed, restart the "
+    "monitor",
+}
+TEMPERATURE_REMEDIES = {
+    "zero_stamp": "let the driver set the stamp, or set stamp_source of the source to receive",
+    "unknown_joint": "set joints and names of the source",
+    "no_temperature": "set interface or keys of the source",
+    "before_names": "set names_topic of the source",
+}
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
+NOT_KNOWN = (
+    "the power of some joint states of the last second is not known: each is alone between two "
+    "gaps, or the power is beyond 1 MW"
+)
 APART = 5.0  # stamps that far from the clock are another clock's [s]
 RECENT = 10.0  # a finding of joint states that was true this long ago still shows [s]
 
@@ -89,8 +110,17 @@ def joint_state_source(
         timeout: Gives the silence beyond which they count as missing. [s]
     """
     accounts = [ingest.rejections, *(RejectionLog() for _ in inboxes[1:])]
+
+    def names() -> str:
+        return names_remedy(tuple(ingest.ages), ingest.ignored_joints)
+
+    def remedy_of(reason: str) -> str:
+        if not ingest.samples:  # a finding of its own
+            return ""
+        return names() if reason == "unknown_joint" else JOINT_STATE_REMEDIES.get(reason, "")
+
     watches = [
-        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES)
+        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedy_of=remedy_of)
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
@@ -99,11 +129,9 @@ def joint_state_source(
         found = StatusBuilder("joint states")
         missing = ", ".join(sorted(ingest.missing_joints))
         if missing and not ingest.samples:
-            found.add(
-                ERROR,
-                f"the joint names of {topics} lack {missing}",
-                "take the model of this robot or set joint_states.joint_names",
-            )
+            met = ", ".join(sorted(ingest.ignored_joints))
+            they = f"; they are {met}" if met else ""
+            found.add(ERROR, f"the joint names of {topics} lack {missing}{they}", names())
         for finding in ingest.findings(RECENT):
             found.add(ERROR if finding.severe else WARN, finding.sentence)
         for doubt in stage.effort_check.doubts():
@@ -194,6 +222,7 @@ def temperature_source(
         old = (latest.temperature_stamp_ns[0] < oldest_ns) | (silence > stale_after)
         in_use = np.where(old, math.nan, given).tolist()
         absent = [inbox for inbox in inboxes if not inbox.received and not inbox.publishers]
+        refused = ingest.rejections.rejected - Counter({INACTIVE: ingest.rejections.received})
         found.values |= {
             "input_age_s": min(ages, default=math.nan),
             "input_publishers": sum(inbox.publishers for inbox in inboxes),
@@ -213,9 +242,13 @@ def temperature_source(
             sentence = f"temperature_sources is empty: {fallback}"
             found.notes.append(sentence)
             found.remarks.append(sentence)
-        elif unknown and ingest.rejections.rejected and not ingest.rejections.accepted:
-            worst = ingest.rejections.rejected.most_common(1)[0][0]
-            found.add(WARN, f"every message on {topics} is rejected as {worst}; {fallback}")
+        elif unknown and refused and not ingest.rejections.accepted:
+            worst = refused.most_common(1)[0][0]
+            found.add(
+                WARN,
+                f"every message on {topics} is rejected as {worst}; {fallback}",
+                TEMPERATURE_REMEDIES.get(worst, ""),
+            )
         elif len(unknown) == len(names):
             have = ", which has no publisher" if absent == inboxes and len(inboxes) == 1 else ""
             remedy = NO_TEMPERATURE if absent else ""
@@ -322,15 +355,21 @@ def energy_source(
         (
             name,
             InputWatch(
-                "meter reading", inbox, readings.rejections, lambda: meter_timeout, needed=False
+                "meter reading",
+                inbox,
+                readings.rejections,
+                lambda: meter_timeout,
+                needed=False,
+                remedy_of=lambda reason: METER_REMEDIES.get(reason, ""),
             ),
         )
         for name, inbox in zip(names, meter, strict=False)
     ]
 
-    watch_of_time = TimeWatch()
+    watch_of_time, unknown_before = TimeWatch(), account.counts.quality[Quality.NOT_FINITE]
 
     def findings() -> StatusBuilder:
+        nonlocal unknown_before
         found = StatusBuilder("energy")
         for check in inputs:
             check(found)
@@ -364,8 +403,10 @@ def energy_source(
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
         }
-        if infinite := account.counts.quality[Quality.NOT_FINITE]:
-            found.add(WARN, f"the power of {infinite} samples is not finite")
+        unknown = account.counts.quality[Quality.NOT_FINITE]
+        if unknown > unknown_before:
+            found.add(WARN, NOT_KNOWN)
+        unknown_before = unknown
         for sentence in account.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found

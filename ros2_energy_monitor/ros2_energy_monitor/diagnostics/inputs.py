@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -20,6 +21,7 @@ from ros2_energy_monitor.diagnostics.reporter import ERROR, STALE, WARN, Number,
 ALONE = "prediction only"  # what is left without the input
 ABSENT_REPORTS = 5  # one a second: discovery takes less, so an input absent so long is absent
 REJECTED_SHARE = 0.01  # more than this of the messages of one second is worth a warning
+BETWEEN_NODES = {"other_model": "give all monitors the same model file"}
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class InputWatch:
     Args:
         timeout: Gives the silence beyond which it counts as missing. [s]
         needed: Whether its absence from the start is an error; else it is a note.
+        remedy: What to do about its absence.
+        remedy_of: Gives what to do where all messages are rejected, for the reason of most.
     """
 
     def __init__(
@@ -49,9 +53,12 @@ class InputWatch:
         timeout: Callable[[], float],
         needed: bool = True,
         remedy: str = "",
+        remedy_of: Callable[[str], str] = lambda reason: BETWEEN_NODES.get(reason, ""),
     ) -> None:
         self._what, self._inbox, self._rejections = what, inbox, rejections
         self._remedy = remedy
+        self._remedy_of = remedy_of
+        self._newest = (0, 0, "")  # messages of the newest second with any, how many rejected, why
         self._timeout, self._needed = timeout, needed
         self._before = _Counts()
         self._absent = 0  # reports since the start without a publisher
@@ -93,6 +100,9 @@ class InputWatch:
         if inbox.received:
             if inbox.age > self._timeout():
                 found.add(STALE, f"no {self._what} for {inbox.age:.1f} s on {inbox.topic}")
+            elif math.isinf(self._timeout()) and not inbox.publishers:  # silence is not a fault
+                gone = f"{inbox.topic} has no publisher any more"
+                found.add(STALE, f"{gone}: no {self._what} for {inbox.age:.1f} s", self._remedy)
         elif self._needed:
             found.add(ERROR, missing, "" if inbox.publishers else self._remedy)
         elif inbox.publishers:
@@ -116,21 +126,30 @@ class InputWatch:
             found.add(level, complaint, "change that publisher or the topic")
 
     def _rejected(self, found: StatusBuilder, before: _Counts, after: _Counts) -> None:
-        new = after.received - before.received
-        reasons = {
-            reason: count - before.rejected.get(reason, 0)
-            for reason, count in after.rejected.items()
-            if reason != INACTIVE  # as asked for
-        }
-        count = sum(reasons.values())
-        if new and count > REJECTED_SHARE * new:
-            worst = max(reasons, key=lambda reason: reasons[reason])
-            share = f"all {new}" if count >= new else f"{count} of {new}"
-            found.add(
-                ERROR if self._needed and count >= new else WARN,
-                f"{share} messages on {self._inbox.topic} rejected in the last second, most as "
-                f"{worst}",
-            )
+        """Say what is rejected; the newest messages count until others come or the input is late.
+
+        Friction is published when it changes: rejected once, it may be missing for hours.
+        """
+        fresh = after.received - before.received
+        if fresh:
+            reasons = {
+                reason: count - before.rejected.get(reason, 0)
+                for reason, count in after.rejected.items()
+                if reason != INACTIVE  # as asked for
+            }
+            worst = max(reasons, key=lambda reason: reasons[reason], default="")
+            self._newest = fresh, sum(reasons.values()), worst
+        new, count, worst = self._newest
+        whole, age = count >= new, self._inbox.age
+        if count <= REJECTED_SHARE * new or not (fresh or (whole and age <= self._timeout())):
+            return
+        share = f"all {new}" if whole else f"{count} of {new}"
+        when = "in the last second" if fresh else f"{age:.0f} s ago and none since"
+        found.add(
+            ERROR if self._needed and whole else WARN,
+            f"{share} messages on {self._inbox.topic} rejected {when}, most as {worst}",
+            self._remedy_of(worst) if whole else "",
+        )
 
 
 def counted(inbox: Inbox) -> str:

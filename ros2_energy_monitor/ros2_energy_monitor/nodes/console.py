@@ -29,7 +29,8 @@ from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy_report.formats import summing
-from robot_energy_report.layout import fitted_table, width_of
+from robot_energy_report.page.robot_state import STALE_AFTER, STALE_PERIODS
+from robot_energy_report.printing import fitted_table, width_of
 from ros2_energy_monitor.base.node_parameters import ConsoleParameters
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import (
@@ -53,7 +54,6 @@ PARTS = ("rigid", "friction", "drives", "supply", "brake", "capacitor")
 SMOOTHING = 0.5  # time constant of the powers shown [s]
 MAX_STATUSES = 64  # kept, so that a topic of ever new names cannot fill the memory
 STARTING = 5.0  # trouble of monitors that have sent no power yet is shown after this [s]
-STALE_AFTER = 1.5  # without power states the table says so [s]
 
 
 class ConsoleView:
@@ -102,11 +102,11 @@ class ConsoleView:
             now: Time on the clock of `take_power`. [s]
         """
         power, registers = self._power, self.registers
-        if power is None:
+        if power is None or self._silent(power, now):
             return self._waiting(now)
         parts = [
             f"from the grid {self._watts('predicted')} W, friction {self._watts('friction')} W",
-            PHASES.get(power.phase, "unknown") if now - self._received < STALE_AFTER else "no news",
+            PHASES.get(power.phase, "unknown"),
         ]
         predicted, measured = self._powers["at_meter"], self._powers["measured"]
         if not math.isnan(measured):
@@ -139,16 +139,15 @@ class ConsoleView:
             now: As of `take_power`. [s]
         """
         power = self._power
-        if power is None:
-            return Group(Text(self._waiting(now)))
-        silent = now - self._received >= STALE_AFTER
-        state = "no news" if silent else f"robot {PHASES.get(power.phase, 'unknown')}"
+        if power is None or self._silent(power, now):
+            return Group(Text(self._waiting(now), "" if power is None else "red"))
+        state = f"robot {PHASES.get(power.phase, 'unknown')}"
         trouble = self._trouble()
         tables = [self._balance(width), self._meter(width), self._joints(power, width)]
         if max(width_of(table) for table in tables) > width:
             return Group(Text(self.line(now)))  # a live display would cut what is wider
         return Group(
-            Text(f"{state}, coverage {_number(power.coverage, 3)}", "red" if silent else "italic"),
+            Text(f"{state}, coverage {_number(power.coverage, 3)}", "italic"),
             Text(trouble or self._notes() or ALL_IS_WELL, "yellow" if trouble else "green"),
             *tables,
         )
@@ -210,9 +209,12 @@ class ConsoleView:
         )
 
     def _waiting(self, now: float) -> str:
-        """What to say before the first power; a healthy system is in trouble while it starts."""
+        """What to say without powers; a healthy system is in trouble while it starts."""
         self._begun = now if self._begun is None else self._begun
         totals = "" if self.registers is None else f"; {_totals(self.registers)}"
+        if self._power is not None:
+            trouble = f"; {trouble}" if (trouble := self._trouble()) else ""
+            return f"no power state for {now - self._received:.0f} s{totals}{trouble}"
         if now - self._begun < STARTING:
             return f"waiting for the first power state{totals}"
         if not self._status:
@@ -221,6 +223,10 @@ class ConsoleView:
                 "ROS_DOMAIN_ID of the monitor"
             )
         return f"no power state yet{totals}; {self._trouble() or self._notes() or ALL_IS_WELL}"
+
+    def _silent(self, power: PowerState, now: float) -> bool:
+        """Whether what was shown last is no power of now."""
+        return now - self._received > max(STALE_AFTER, STALE_PERIODS * power.period)
 
     def _watts(self, key: str) -> str:
         return _number(self._powers.get(key, math.nan), 0)

@@ -86,6 +86,10 @@ class RecorderParameters:
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
 MEGABYTE = 2**20
+ONE_NAME = (
+    "a robot without a namespace is called robot, as that of the namespace /robot: one of them is "
+    "not recorded; give the first a namespace"
+)
 LATE = 30.0  # a write that takes longer is said [s]
 STATUSES = 4000  # diagnostic messages that wait
 STATUS_PERIOD = 5.0  # between two looks at them, of each node at the newest [s]
@@ -112,6 +116,7 @@ class EnergyRecorder(ManagedNode):
         self._left_out = ""
         self._malformed = 0  # diagnostics
         self._said = ""
+        self._since = 0.0  # when it became active, steady time [s]
         self._begun = 0.0  # when the disk was given work last, steady time [s]
         self._writing: Future[Any] | None = None
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -149,6 +154,7 @@ class EnergyRecorder(ManagedNode):
             self._timers_of_work.append(self.create_timer(period, callback, clock=self._steady))
         for namespace in wanted.robots:
             self._add(namespace)
+        self._since = time.monotonic()
         self.look()
 
     def deactivate(self) -> None:
@@ -211,6 +217,8 @@ class EnergyRecorder(ManagedNode):
 
     def _add(self, namespace: str) -> None:
         name = namespace.strip("/") or "robot"
+        if name in self._robots and self._robots[name].namespace != namespace.strip("/"):
+            self.get_logger().warning(ONE_NAME, once=True)
         if self.store is None or name in self._robots:
             return
         if len(self._robots) >= MAX_ROBOTS:
@@ -292,7 +300,9 @@ class EnergyRecorder(ManagedNode):
                 "name the robots to record (parameter robots)",
             )
         silent = [robot.name for robot in robots if not now - robot.heard < SILENCE]
-        if self.active and not robots:
+        if now - self._since < self.parameters.look_period + self.parameters.take_period:
+            found.notes.append("looks for robots")
+        elif self.active and not robots:
             found.add(WARN, "no energy/registers is published", "start a monitor")
         elif silent and len(silent) == len(robots):
             found.add(WARN, f"no energy/registers arrive from {', '.join(silent[:3])}")

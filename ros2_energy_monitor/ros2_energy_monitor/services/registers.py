@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, cast
@@ -102,6 +103,8 @@ class RegisterServices:
             response.message = change(request, response)
         except RegisterError as error:
             response.success, response.message = False, str(error)
+            if hasattr(response, "interval"):
+                response.interval = EnergyInterval(**unknown_figures(EnergyInterval))
             self._node.get_logger().warning(f"refused: {error}")
             return response
         response.success = True
@@ -138,6 +141,12 @@ class RegisterServices:
         loads = [LoadEnergy(**load) for load in fields.pop("auxiliary")]
         start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))
         return EnergyInterval(start=start, end=end, joints=joints, auxiliary=loads, **fields)
+
+
+def unknown_figures(kind: Any) -> dict[str, Any]:
+    """Return the figures of an answer to what was refused; ROS makes them 0, which is an energy."""
+    types = kind.get_fields_and_field_types()
+    return {name: math.nan for name, text in types.items() if text == "double"}
 
 
 def _time(stamp_ns: int) -> Time:

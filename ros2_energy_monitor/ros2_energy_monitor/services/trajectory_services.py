@@ -43,6 +43,7 @@ from ros2_energy_monitor.services.raw_service import (
     points_of,
     time_of,
 )
+from ros2_energy_monitor.services.registers import unknown_figures
 from ros2_energy_monitor.services.trajectory_answers import MAX_CANDIDATES, MAX_SAMPLES
 
 LOOK = 0.2  # s between two looks for a request
@@ -229,13 +230,17 @@ class PredictionService:
     def _send(self, taken: TakenRequest, message: str, **fields: Any) -> None:
         for name in self.parts.keys() & fields:
             fields[name] = [self.parts[name](**one) for one in fields[name]]
-        answer = self.interface.Response(message=shown(message, MAX_LINE), **fields)
+        known = {**self._unknown(), **fields, "message": shown(message, MAX_LINE)}
+        answer = self.interface.Response(**known)
         log = self._node.get_logger()
         if answer.success:
             log.info(f"{self.name}: {answer.message}")
         else:  # rclpy ties one severity to each place of a call
             log.warning(f"{self.name}: {answer.message}")
         self._service.answer(taken, answer)
+
+    def _unknown(self) -> dict[str, Any]:
+        return unknown_figures(self.interface.Response)
 
 
 class ComparisonService(PredictionService):
@@ -252,3 +257,6 @@ class ComparisonService(PredictionService):
                 f"{fields.trajectories.size} trajectories were given", f"at most {MAX_CANDIDATES}"
             )
         return elements(fields.trajectories, JointTrajectory)
+
+    def _unknown(self) -> dict[str, Any]:
+        return {**super()._unknown(), "cheapest": -1}

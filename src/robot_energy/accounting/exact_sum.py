@@ -203,6 +203,7 @@ class Standby:
     def __init__(self) -> None:
         self.energy = ExactSum(1)
         self.ns = 0  # time in standby [ns]
+        self.rested_ns = 0  # time at rest, however long each rest is [ns]
         self.rest = ExactSum(1)  # of a rest that is not standby yet
         self._rest_ns = 0
         self._resting = False  # at the last sample
@@ -229,6 +230,7 @@ class Standby:
     def _add(self, energy: Float, ns: int) -> None:
         counted = self._rest_ns >= MIN_STANDBY * SECOND_NS
         self._rest_ns += ns
+        self.rested_ns += ns
         if counted:
             self.energy.add(energy)
             self.ns = min(self.ns + ns, MAX_COUNTER)
@@ -246,7 +248,7 @@ class Standby:
     def reset(self) -> None:
         """Begin at zero; a rest that is not standby yet begins, too."""
         self.energy.reset()
-        self.ns = 0
+        self.ns = self.rested_ns = 0
         if self._rest_ns < MIN_STANDBY * SECOND_NS:
             self.rest, self._rest_ns = ExactSum(1), 0
 

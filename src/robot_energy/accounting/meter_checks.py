@@ -76,14 +76,22 @@ class MeterDiagnostics:
         if minute.time < MIN_GROSS_TIME or not measured or not predicted:
             return ""
         settled = minute.time >= MIN_COMPARED_TIME
-        ratio = measured / predicted
         # whether power is drawn in every second, and returned by the meter
         turned = all(given < 0 < drawn for _, (_, given, drawn) in minute.seconds)
-        if -MAX_RATIO < 1 / ratio < -1 / MAX_RATIO and (settled or turned):
+        if -MAX_RATIO < predicted / measured < -1 / MAX_RATIO and (settled or turned):
             return "the meter reads about minus the prediction: is its sign load_negative?"
+        found = self._unit_asked(measured / predicted, comparison.meaning, gross=not settled)
+        if found or not settled:
+            return found
+        _, measured, predicted = minute.newest(MIN_GROSS_TIME)  # it may have changed its unit
+        ratio = measured / predicted if predicted else 0.0
+        return self._unit_asked(ratio, comparison.meaning, gross=True)
+
+    def _unit_asked(self, ratio: float, meaning: MeterMeaning, gross: bool) -> str:
+        """Ask for the unit that explains how many times the prediction the meter reads."""
         if ratio <= 0:
             return ""
-        units = ENERGY_UNITS if comparison.meaning is MeterMeaning.CUMULATIVE else POWER_UNITS
+        units = ENERGY_UNITS if meaning is MeterMeaning.CUMULATIVE else POWER_UNITS
         base = "J" if units is ENERGY_UNITS else "W"
         said = self._unit if self._unit in units else base
         # Read in `unit` instead of `said`, the meter would give measured * units[unit] / said.
@@ -94,7 +102,7 @@ class MeterDiagnostics:
         if unit == said or doubt[unit] > math.log(MAX_RATIO) or doubt[said] <= math.log(MAX_RATIO):
             return ""
         factor = units[unit] / units[said]
-        if not settled and max(factor, 1 / factor) < GROSS_FACTOR:
+        if gross and max(factor, 1 / factor) < GROSS_FACTOR:
             return ""
         text = f"{ratio:.3g}" if ratio < 1 else f"{ratio:.0f}"
         return f"the meter reads about {text} times the prediction: is its unit {unit}?"

@@ -402,6 +402,19 @@ class NewestMinute:
         self._settle()
         return self._sums
 
+    def newest(self, time: float) -> Sums:
+        """Return the sums over the newest seconds.
+
+        Args:
+            time: Compared time that they make at least, where there is as much. [s]
+        """
+        found: Sums = [0, 0, 0]
+        for _, sums in reversed(self.seconds):
+            if found[0] * NANOSECOND >= time:
+                break
+            found = [a + b for a, b in zip(found, sums, strict=True)]
+        return found
+
     @property
     def still(self) -> StillReadings:
         """Readings that stay the same, since the start."""

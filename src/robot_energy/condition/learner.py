@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterCurve
+from robot_energy.condition.fan_odds import FanOdds
 from robot_energy.condition.joint_friction import FrictionLearner, MotionReader, interpolated
 from robot_energy.condition.meter_fit import METER_WAIT, MeterFit, MeterWindows, Window
 from robot_energy.condition.record import ConditionPart, FrictionRecord, MeterRecord, Stamp
@@ -83,6 +84,7 @@ class ConditionLearner:
         learns: Whether anything is learned.
         applies: Whether predictions use what was learned.
         in_use: Whether predictions of this part differ from those of the model file.
+        fan_odds: That the fan of the cabinet runs, by the meter alone; 1 without one. [-]
         thermal: What estimates temperatures that no sensor measures.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
@@ -108,7 +110,10 @@ class ConditionLearner:
         self.meter = MeterFit(sum(self._losses))
         self.wear = WearMonitor(model.joint_names)
         self.end_ns: int | None = None
-        self._windows = MeterWindows(3, MeterCurve(*limits))  # predicted, friction, added
+        self.fan_odds = 1.0
+        self._fan = None if cabinet.fan is None else FanOdds(cabinet.fan.power.value)
+        columns = 3 if self._fan is None else 4  # predicted, friction, added; fan
+        self._windows = MeterWindows(columns, MeterCurve(*limits))
         self._readings: list[MeterBlock] = []  # since the last part
         self._begin_part()
         self._taught = (self.friction.table(), self.friction.valid)
@@ -123,7 +128,7 @@ class ConditionLearner:
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Cut at parts and windows, as in `robot_energy.pipeline.power_stage.Condition.cuts`."""
         windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
-        if not self.applies:
+        if not (self.applies or (self.learns and self._fan is not None)):
             return windows
         parts = np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
         return [*windows, *parts]
@@ -233,6 +238,8 @@ class ConditionLearner:
             until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
             windows = self._windows.step(samples.stamp_ns, samples.segment, power, until)
             self._learn_from_meter(windows, samples.motor_temperature_degc[-1], stuck)
+        if self._fan is not None:
+            self.fan_odds = self._fan.odds(self.end_ns)
         self._set_figures()
 
     def _learn_from_meter(
@@ -241,8 +248,11 @@ class ConditionLearner:
         """Take windows of the meter; wear of the whole robot is of joints without torque."""
         degc = float(self.reader.temperature(motor_temperature_degc).mean())
         for window in windows:
-            predicted, friction, correction = window.energies.tolist()
+            predicted, friction, correction, *fan = window.energies.tolist()
             residual = window.measured - predicted + correction
+            if self._fan is not None and self._windows.location is MeterLocation.GRID:
+                without = (window.measured - predicted + fan[0]) / window.duration
+                self._fan.step(window.stamp_ns, without, window.measured / window.duration)
             self.meter.step(window.duration, window.measured, residual, friction)
             if not (stuck or self.friction.parts.any()):
                 self.wear.step_meter(window.stamp_ns, window.duration, residual, friction, degc)
@@ -250,7 +260,7 @@ class ConditionLearner:
     def _powers(
         self, samples: PowerBlock, friction: Float, known: Float | None, use: _InUse
     ) -> Float:
-        """Predicted power, friction the meter can learn of, what was added; shape (N, 3). [W]"""
+        """Predicted power, friction the meter can learn of, what was added, a fan; (N, K). [W]"""
         seen = samples.phase != Phase.GENERATING  # else the brake resistor takes the difference
         friction_seen = friction
         if use.by_torque.any():
@@ -265,7 +275,11 @@ class ConditionLearner:
         predicted = samples.grid_power
         if self._windows.location is MeterLocation.DC_BUS:
             predicted = predicted - samples.loss_grid
-        return np.stack([predicted, learnable, added], axis=1)
+        columns = [predicted, learnable, added]
+        if self._fan is not None:
+            constant = self._losses[1] + (use.offset if self.applies and not use.at_bus else 0.0)
+            columns.append(samples.loss_grid - constant)
+        return np.stack(columns, axis=1)
 
     def _multiplier(self, use: _InUse, velocity: Float, degc: Float) -> Float:
         if not use.by_torque.any():

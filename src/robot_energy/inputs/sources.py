@@ -7,7 +7,7 @@ declare its parameters, and the parameter file of the node serves replay.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from robot_energy.foundation.errors import ParameterError
@@ -89,6 +89,19 @@ class JointStateSource:
             correction.check(joints, f"joint_states.{name}")
         nothing = JointCorrection()
         return tuple(None if each == nothing else each for each in found.values())
+
+
+def names_remedy(joints: Sequence[str], met: Collection[str]) -> str:
+    """Return what to do where messages lack joints of a model.
+
+    Args:
+        joints: Those of the model.
+        met: What messages name and the model does not know.
+    """
+    alike = [[name for name in met if name.endswith(joint)] for joint in joints]
+    names = ", ".join(one[0] for one in alike) if all(len(one) == 1 for one in alike) else ""
+    remedy = "use the model of this robot, or set joint_states.joint_names"
+    return f"{remedy} to [{names}]" if names else remedy
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -113,7 +113,7 @@ class RegistersWriter:
                 },
                 "joints.shaft_compared_time": account.shaft.compared_ns[None, :] / SECOND_NS,
                 **stamp_columns(np.array([minute_ns]), "minute"),
-                **_exact_columns(account),
+                **exact_columns(account),
                 **_load_columns(account),
             },
             1,
@@ -215,7 +215,8 @@ def interval_fields(
     }
 
 
-def _exact_columns(account: EnergyAccount) -> dict[str, Any]:
+def exact_columns(account: EnergyAccount) -> dict[str, Any]:
+    """Return the exact fields of ``EnergyRegisters``; of joints and phases shape (1, K)."""
     registers, comparison, counts = account.registers, account.comparison, account.counts
     cabinet = registers.microjoule[: len(EXACT_FIELDS)].tolist()
     joints = registers.microjoule[len(EXACT_FIELDS) : registers.deviations.start]

@@ -191,7 +191,7 @@ DRIVE_MODELS = Kinds(
         key="loss_map",
         entry=LossMap,
         physics=Part("robot_energy.physics.drives_and_cabinet:LossMaps"),
-        fitted=Part("robot_energy_identify.drives.loss_map:fitted_loss_map"),
+        fitted=Part("robot_energy_identify.drives.losses:fitted_loss_map"),
         constant_loss=lambda entry: entry.loss[0][0],
     ),
 )

@@ -70,7 +70,7 @@ class Capacitor(ModelEntry):
 class CabinetFan(LateEntry):
     """A fan on the grid side that the temperature of the warmest motor switches."""
 
-    LATE = ("begins_off_to_degc",)
+    LATE = ("begins_off_to_degc", "thermometers")
 
     power: Annotated[PositiveFigure, "While it runs. [W]"]
     on_above_degc: Annotated[
@@ -86,6 +86,11 @@ class CabinetFan(LateEntry):
         Figure | None,
         "Up to this first temperature of the warmest motor it does not run, as recordings that "
         "began there show. Absent: of the fans between stop and start half run at first. [degC]",
+    ] = None
+    thermometers: Annotated[
+        tuple[Number, ...] | None,
+        "What the thermometer of each motor shows above the mean of all while they are equally "
+        "warm. The warmest motor is that of the highest reading less this. Absent: 0. [K]",
     ] = None
 
 
@@ -352,6 +357,9 @@ class RobotModel(ModelEntry, Shown):
         static = None if self.hold is None else self.hold.static
         if static is not None and len(static) != len(names):
             raise ValueError(f"hold.static has {len(static)} figures for {len(names)} joints")
+        off = None if self.cabinet.fan is None else self.cabinet.fan.thermometers
+        if off is not None and len(off) != len(names):
+            raise ValueError(f"fan.thermometers has {len(off)} figures for {len(names)} joints")
         if self.covariance is not None:
             known = self._figures_together()
             if unknown := [name for name in self.covariance.figures if name not in known]:

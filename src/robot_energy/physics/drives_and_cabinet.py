@@ -22,11 +22,15 @@ their deviations. Above all possible starts ``p`` is 1. Below all possible stops
 stop and start ``p`` does not change. Before the first temperature it is 1/2. At the first it is
 the less of 1/2 and ``1/2 (P(T > T_off) + P(T > T_on))``: of the fans between stop and start half
 run. Up to the temperature at which recordings began without the fan it is ``P(T > T_on)``.
+Thermometer i reads ``T_i + o_i``, where o_i is known; T is the greatest of the readings less o_i. A
+meter may show odds b that the fan runs: then ``q b / (1 - q + q b)`` counts, with q as p without
+that temperature, and p goes on as before.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from math import hypot, inf, isfinite
 from typing import Protocol
 
@@ -268,16 +272,21 @@ def with_warm_magnets(kind: DriveModel, drive: Drive, constants: TorqueConstants
 class FanStage:
     """Power of the fan by the temperature of the warmest motor.
 
+    Args:
+        assumed: Whether temperatures are those of the motors and not what thermometers show.
+
     Attributes:
         powers: ``p P_fan`` and ``q P_fan`` of the last step, q being p without the temperature up
             to which recordings began without the fan, shape (2, N); None without a fan. [W]
+        odds: That it runs, by a power meter alone; 1 without one. [-]
     """
 
-    def __init__(self, cabinet: Cabinet) -> None:
+    def __init__(self, cabinet: Cabinet, assumed: bool = False) -> None:
         fan = cabinet.fan
         self._power = 0.0
         if fan is not None:
             self._power = fan.power.value
+            self._thermometers = None if assumed else fan.thermometers
             self._on, width = fan.on_above_degc.value, fan.on_above_degc.std or 0.0
             less = fan.hysteresis
             self._off = self._on - (0.0 if less is None else less.value)
@@ -286,6 +295,7 @@ class FanStage:
             self._widths = width, width if less is None else hypot(width, less.std or 0.0)
         self._runs: Float | None = None  # p and q; before any temperature
         self.powers: Float | None = None
+        self.odds = 1.0
 
     def step(self, motor_temperature_degc: Float) -> Float | float:
         """Return the power that is to be expected, shape (N,); 0 without a fan. [W]
@@ -295,7 +305,7 @@ class FanStage:
         """
         if self._power == 0.0:
             return 0.0
-        warmest = np.fmax.reduce(motor_temperature_degc, axis=1)
+        warmest = warmest_degc(motor_temperature_degc, self._thermometers)
         begins = np.flatnonzero(np.diff(warmest, prepend=np.nan) != 0.0)
         runs = np.full((2, len(begins)), UNSEEN)
         for place, degc in enumerate(warmest[begins].tolist()):
@@ -309,9 +319,23 @@ class FanStage:
                 self._runs = np.maximum(np.minimum(before, most), least)
             if self._runs is not None:
                 runs[:, place] = self._runs
+        if self.odds != 1.0:
+            runs[:] = self.odds * runs[1] / (1.0 - runs[1] + self.odds * runs[1])
         samples = np.diff(np.append(begins, len(warmest)))
         self.powers = self._power * np.repeat(runs, samples, axis=1)
         return self.powers[0]
+
+
+def warmest_degc(motor_temperature_degc: Float, thermometers: Sequence[float] | None) -> Float:
+    """Return the temperature of the warmest motor, NaN where none is known, shape (N,). [degC]
+
+    Args:
+        motor_temperature_degc: Readings, shape (N, n). [degC]
+        thermometers: What each shows above the mean of all; None: 0. [K]
+    """
+    if thermometers is not None:
+        motor_temperature_degc = motor_temperature_degc - np.asarray(thermometers)
+    return np.fmax.reduce(motor_temperature_degc, axis=1)
 
 
 def _warmer(degc: float, limit: float, std: float) -> float:

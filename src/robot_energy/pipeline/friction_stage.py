@@ -27,6 +27,9 @@ REASONS = {
     ReadingStatus.STEP: "temperature_step",
 }
 
+DOUBTS = (ReadingStatus.STEP, ReadingStatus.IMPLAUSIBLE)
+MAX_REFUSED = 0.1  # share of the values that may be refused without a sentence
+
 
 class _State(NamedTuple):
     """What is known of the temperatures at one stamp."""
@@ -58,6 +61,18 @@ class FrictionStage:
         self._motors = np.array([joint.gear is None for joint in model.joints])
         self._judge = TemperatureFilter(n_joints)
         self.rejections = RejectionLog()
+
+    @property
+    def refused(self) -> str:
+        """That more than a tenth of the values were no temperature or jumped; empty if not."""
+        counts = [self.rejections.rejected[REASONS[one]] for one in DOUBTS]
+        if sum(counts) <= MAX_REFUSED * self.rejections.received:
+            return ""
+        return (
+            f"of {self.rejections.received} values of motor temperatures {counts[0]} jumped and "
+            f"{counts[1]} were outside any range, and were refused: two sensors or robots may "
+            "share a topic, and which of them was believed is not known"
+        )
 
     def initial(self) -> FrictionBlock:
         """Return the friction before any temperature is known, valid from the start."""

@@ -66,6 +66,7 @@ class SupplyStage:
     """Drives and cabinet of a robot.
 
     Attributes:
+        fan: Of the cabinet; None without one.
         standstill: Speeds below which motors stand, shape (n,). [rad/s]
         fallback_degc: Of windings whose temperature is not known. [degC]
     """
@@ -73,7 +74,8 @@ class SupplyStage:
     def __init__(self, model: RobotModel, settings: Settings) -> None:
         self.drive = drive_from_model(model)
         self.cabinet = CabinetStage(model.cabinet)
-        self._fan = None if model.cabinet.fan is None else FanStage(model.cabinet)
+        assumed = settings.temperature_assumed
+        self.fan = None if model.cabinet.fan is None else FanStage(model.cabinet, assumed)
         self.hold = HoldTorque(model, settings.effort)
         self.standstill = motor_standstill(model)
         self.fallback_degc = model.temperature.fallback_degc
@@ -99,8 +101,8 @@ class SupplyStage:
         bus = sum_over_joints(drawn)
         bus[np.abs(bus) > MAX_POWER] = np.nan
         fan, powers = 0.0, None
-        if self._fan is not None:
-            fan, powers = self._fan.step(degc), self._fan.powers
+        if self.fan is not None:
+            fan, powers = self.fan.step(degc), self.fan.powers
         balance = self.cabinet.step(block.stamp_ns, block.segment, bus, fan)
         phase = np.full(len(bus), Phase.MOTION, dtype=np.uint8)
         phase[standing.all(axis=1)] = Phase.HOLD
@@ -139,9 +141,11 @@ class Condition(Protocol):
 
     Attributes:
         in_use: Whether the part follows learned figures, and not those of the model file alone.
+        fan_odds: That the fan of the cabinet runs, by the meter alone; 1 where it does not say. [-]
     """
 
     in_use: bool
+    fan_odds: float
 
     def measure(self, block: MeterBlock) -> None:
         """Take readings of the meter."""
@@ -318,6 +322,8 @@ class PowerStage:
         rigid_power, friction_power = rigid * speed, friction * speed
         shaft = rigid_power + friction_power
         winding = np.where(np.isnan(degc), self._supply.fallback_degc, degc)
+        if self._supply.fan is not None:
+            self._supply.fan.odds = self._condition.fan_odds
         supplied = self._supply.step(block, shaft, wound, degc, winding, standing, quality)
         drive_loss, balance = supplied.drive_loss, supplied.balance
         if not self._assumed:

@@ -29,7 +29,7 @@ from robot_energy.inputs.bag_topics import (
 from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED, RecordedTime
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
-from robot_energy.inputs.sources import JointStateSource
+from robot_energy.inputs.sources import JointStateSource, names_remedy
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages.payload import PayloadReader
 from robot_energy.model import RobotModel, load, shipped_models
@@ -215,6 +215,7 @@ def replay(
         torn &= used.missing + used.stale > MAX_STRAY * used.samples
         (result.problems if torn else result.notes).extend(clocks)
         result.notes += result.temperatures.doubts
+        result.notes += [refused] if (refused := pipeline.friction.refused) else []
         result.notes += [*result.meter.clock_doubts(), *pipeline.torque.effort_check.doubts()]
         result.notes += [f"{one}: {LONGER_WINDOW}" for one in limit_watch.sentences().values()]
         _require_samples(result)
@@ -290,11 +291,8 @@ def _require_samples(result: Replay) -> None:
     topic = ", ".join(result.topics.joint_states or ())
     if ingest.missing_joints:
         named = ingest.ignored_joints
-        alike = [[one for one in named if one.endswith(name)] for name in result.model.joint_names]
-        names = ", ".join(one[0] for one in alike) if all(len(one) == 1 for one in alike) else ""
         fitting = [name for name in shipped_models() if {*load(name).joint_names} <= {*named}]
-        remedy = "use the model of this robot, or set joint_states.joint_names"
-        remedy += f" to [{names}]" if names else ""
+        remedy = names_remedy(result.model.joint_names, named)
         if fitting:
             remedy = f"these are the joints of the shipped model {' and '.join(fitting)}: use it"
         raise UnknownJointError(

@@ -148,16 +148,14 @@ class HeldRows(Described):
         return self.values[self.row].astype(dtype or np.float64, copy=False)
 
 
-class Block(Described):
-    """Base of all blocks: cutting and joining along the sample axis."""
-
-    stamp_ns: Int
+class Rows(Described):
+    """Base of records whose arrays all have a row for each sample: cutting and joining."""
 
     def __len__(self) -> int:
-        return len(self.stamp_ns)
+        return next(len(each) for each in self.__dict__.values() if isinstance(each, np.ndarray))
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Int) -> Self:
-        """Return the samples ``rows``; what is one per block stays."""
+        """Return the samples ``rows``; what is one for all stays."""
         entries = self.__dict__.copy()
         for name, value in entries.items():
             if isinstance(value, np.ndarray | HeldRows):
@@ -168,7 +166,7 @@ class Block(Described):
 
     @classmethod
     def concatenate(cls, blocks: Sequence[Self]) -> Self:
-        """Return blocks joined in the order given."""
+        """Return several joined in the order given."""
         first = blocks[0]
         if len(blocks) == 1:
             return first
@@ -187,6 +185,15 @@ class Block(Described):
         block = object.__new__(type(first))
         block.__dict__.update(entries)
         return block
+
+
+class Block(Rows):
+    """Base of all blocks: rows with stamps."""
+
+    stamp_ns: Int
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
 
     @classmethod
     def arranged(cls, blocks: Sequence[Self], rows: Sequence[Int]) -> tuple[Self, Int]:

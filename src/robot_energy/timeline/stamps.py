@@ -279,7 +279,7 @@ def sentence_of(
     """
     if epochs.odd_ns is None or epochs.newest_ns is None:
         return ""
-    if within is not None and epochs.newest_ns - epochs.odd_ns > within / NANOSECOND:
+    if within is not None and abs(epochs.newest_ns - epochs.odd_ns) > within / NANOSECOND:
         return ""
     count = epochs.strays
     offset = (epochs.stray_ns if count else epochs.first_off_ns) * NANOSECOND

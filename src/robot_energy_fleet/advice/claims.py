@@ -39,7 +39,8 @@ REGENERATION = (0.9, 0.05)  # share that a regenerative supply returns, assumed;
 FORM_OF_POSE = 0.5  # standard deviation of what holding costs above brakes, as a share of it
 FORM_OF_WARMING = 0.25  # the same of the friction that warmth saves
 FORM_OF_COPPER = 0.5  # the same of what warm windings lose more
-MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again
+MAGNETS = 1.5  # warm magnets are weaker, 0.1 %/K: the current squared rises by half as much again,
+# where the model does not have the fall of the torque constant, and with it this current
 FORM_OF_STARTS = 0.25  # the same of what a shared bus saves: starts are never quite independent
 MOST_ROBOTS = 4  # on one DC bus, of which something is said
 FORM_OF_STANDING = 0.05  # the same of losses that flow all the time: warmth may start a fan
@@ -280,8 +281,8 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> 
     """Return what friction at the temperature of the warm robot saves.
 
     ``S = sum_joints integral (fv(T) - fv(T_warm)) w^2 dt`` over motion fed from the grid, less what
-    the warmer windings and weaker magnets lose, ``1.5 integral dP_loss/dT (T_warm - T) dt``. A fan
-    that starts with warmth is in the band alone.
+    the warmer windings and weaker magnets lose, ``integral dP_loss/dT (T_warm - T) dt``, 1.5 of it
+    for a joint without ``torque_constant_fall``. A fan that warmth starts is in the band alone.
     """
     time = evidence.motion_time.sum(axis=1)
     if not evidence.measured_temperature or not (time > 0).all():
@@ -300,7 +301,8 @@ def warm_up(evidence: RecordedEvidence, model: RobotModel, replay: str = "") -> 
     joints = saved.sum(axis=1)
     own = (at.T * evidence.squared_speed).sum(axis=1)
     risen: Float = np.maximum(warm[:, None] - middle, 0.0)
-    lost = MAGNETS * float(np.sum(evidence.warm_loss * risen))
+    magnets = [1.0 if joint.torque_constant_fall else MAGNETS for joint in model.joints]
+    lost = float(np.array(magnets) @ (evidence.warm_loss * risen).sum(axis=1))
     standing = FORM_OF_STANDING * model.constant_power() * evidence.observed_time
     degc = float(np.mean(warm))
     return Claim(

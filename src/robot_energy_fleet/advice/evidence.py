@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import polars as pl
 
 from robot_energy.foundation.described import Described, documented
 from robot_energy.foundation.errors import DatasetError
@@ -21,7 +21,7 @@ from robot_energy.pipeline import Output
 from robot_energy.replay.options import ReplayOptions
 from robot_energy.timeline.blocks import NANOSECOND, Float, PowerBlock, TorqueBlock
 from robot_energy.timeline.pieces import Compared
-from robot_energy_fleet.dataset import collected, read_tables, scan
+from robot_energy_fleet.dataset import read_tables
 from robot_energy_fleet.tables import counted_twice, is_history
 from robot_energy_plan.optimization.deviations import ConsecutiveBlocks, DeviationSums
 from robot_energy_report.formats import counted
@@ -277,31 +277,29 @@ def evenly(count: int) -> list[int]:
     return places
 
 
-def _bag_sample(
-    folder: str | Path, keys: Sequence[str], options: ReplayOptions
-) -> tuple[list[SampledBag], int]:
-    """Bags of a dataset that can be looked at again, evenly spread over the list of keys.
+def _bag_sample(runs: pl.DataFrame, options: ReplayOptions) -> tuple[list[SampledBag], int]:
+    """Bags that can be looked at again, evenly spread over runs.
 
     They are `MAX_BAGS` at most, and none where fewer than `MIN_BAGS` can be read from this host.
     The number is that of bags that are there, but were replayed with a file of inputs, of which a
     dataset keeps a hash alone. A history does not say where its bags are.
     """
-    if is_history(folder):
-        return [], 0
-    rows = collected(scan(folder).select("key", "bag", "settings"), folder).iter_rows()
-    known = {key: SampledBag(bag, _options(settings)) for key, bag, settings in rows}
     given = {name: value for name, value in options.items() if value is not None}
-    there = [known[key] for key in keys if Path(known[key].address).exists()]
+    there = [
+        SampledBag(bag, _options(settings))
+        for bag, settings in runs.select("bag", "settings").iter_rows()
+        if settings is not None and Path(bag).exists()
+    ]
     usable = [one for one in there if "inputs" in given or "inputs" not in one.options]
     chosen = [usable[k] for k in evenly(len(usable))] if len(usable) >= MIN_BAGS else []
     bags = [replace(one, options=one.options | given) for one in chosen]
     return bags, len(there) - len(usable)
 
 
-def _options(settings: str | None) -> dict[str, Any]:
+def _options(settings: str) -> dict[str, Any]:
     """Options of the replay, as far as a dataset keeps them."""
     known = ReplayOptions.__annotations__.keys() - {"jobs"}
-    given: dict[str, Any] = json.loads(settings) if settings else {}
+    given: dict[str, Any] = json.loads(settings)
     return {name: value for name, value in given.items() if name in known and value is not None}
 
 
@@ -327,8 +325,7 @@ def dataset_evidence(
             f"{folder} holds no bag of model {model.model_id}, but of {others}",
             "the model that the bags were replayed with",
         )
-    keys = runs.sort("robot", "start_ns", "bag")["key"].to_list()
-    sample, without_inputs = _bag_sample(folder, keys, options or {})
+    sample, without_inputs = _bag_sample(runs.sort("robot", "start_ns", "bag"), options or {})
     largest = runs.sort("grid_energy", "bag", descending=[True, False])["bag"][0]
     bags = (
         f"{len(sample)} of its {len(runs)} bags are analysed, spread over robots and time; the "

@@ -18,7 +18,7 @@ from robot_energy_fleet.results.fleet import (
     ModelError,
     RobotEnergy,
 )
-from robot_energy_identify.results.identification import FrictionReport
+from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_report.canvas import (
     COLOURS,
     PART_COLOURS,

@@ -13,8 +13,8 @@ from robot_energy.model import RobotModel
 from robot_energy.replay.setup import driver_inputs, effort_meaning
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.data.bags import Bag, Kept, motion_time
+from robot_energy_identify.data.observations import Channels
 from robot_energy_identify.data.recordings import Recording, channels_of, read_recording
-from robot_energy_identify.data.signals import Channels
 from robot_energy_identify.data.thinned import MOST
 from robot_energy_identify.drives.drive_power import DrivePowerTopics
 from robot_energy_identify.friction.samples import FrictionData, friction_data

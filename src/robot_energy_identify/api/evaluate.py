@@ -21,6 +21,8 @@ from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.base import model_used
 from robot_energy.results.replay import ReplayReport, replay_report
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.pieces import NO_INTERVALS, Compared
+from robot_energy_identify.check.meter_step import by_second, step_of
 from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.evaluation import (
     FIXED,
@@ -118,6 +120,7 @@ def _run(
     path: str | Path, model: RobotModel, change: str | None, options: ReplayOptions
 ) -> tuple[ReplayReport, ScoreSums, tuple[float, float]]:
     torque, degc = TorqueErrorSums(model), [math.inf, -math.inf]
+    compared = [NO_INTERVALS]
 
     def take(output: Output) -> None:
         if output.power is None:
@@ -128,9 +131,15 @@ def _run(
         if len(warm):
             degc[:] = min(degc[0], float(warm.min())), max(degc[1], float(warm.max()))
 
-    result = replay(path, model, ReplaySetup.of(options), on_output=take)
+    def compare(part: Compared) -> None:
+        compared.append(by_second(part))
+
+    result = replay(path, model, ReplaySetup.of(options), on_output=take, on_compared=compare)
     torque.finish()
     report = replay_report(result, change)
+    step = step_of(Compared.concatenate(compared), result.account.registers.time.start_ns or 0)
+    if step is not None:
+        report = replace(report, notes=(*report.notes, f"{step.sentence}: {step.remedy}"))
     return report, ScoreSums.of(report, torque, result.power_error), (degc[0], degc[1])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar, Unpack
@@ -17,6 +17,7 @@ from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.bag_source import BagSource
 from robot_energy_identify.auxiliary import (
     LoadsFit,
+    LoadStatesReport,
     fit_outlet,
     fit_own,
     outlet_readings,
@@ -24,15 +25,22 @@ from robot_energy_identify.auxiliary import (
     read_loads,
     with_states,
 )
-from robot_energy_identify.cabinet.supply import fit_supply
+from robot_energy_identify.cabinet.supply import CabinetReport, fit_supply
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.data.bags import BagFacts, Kept, Span, facts, folds_of
+from robot_energy_identify.data.observations import Channels
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_power import drive_topics
-from robot_energy_identify.dynamics.dynamics import DynamicsSettings
+from robot_energy_identify.dynamics.dynamics import DynamicsReport, DynamicsSettings
 from robot_energy_identify.dynamics.dynamics import identify_dynamics as fit_dynamics
 from robot_energy_identify.dynamics.dynamics_model import to_model
-from robot_energy_identify.friction_and_thermal import find_friction, find_thermal
+from robot_energy_identify.dynamics.leave_one_out import across_recordings
+from robot_energy_identify.friction_and_thermal import (
+    FrictionReport,
+    ThermalReport,
+    find_friction,
+    find_thermal,
+)
 from robot_energy_identify.options import IdentifyOptions, SourceOptions, silent
 from robot_energy_identify.plausibility import check_cabinet, check_dynamics, check_signs
 from robot_energy_identify.provenance import hashed, identified_from, require_distinct, require_some
@@ -45,24 +53,17 @@ from robot_energy_identify.refused_recordings import (
     refuse_meter,
     refuse_motion,
     refuse_torque,
+    stepping_meters,
     torque_evidence,
 )
-from robot_energy_identify.results.dynamics import DynamicsReport, dynamics_report
 from robot_energy_identify.results.identification import (
-    CabinetReport,
-    FrictionReport,
     IdentificationReport,
-    LoadStatesReport,
-    ThermalReport,
-    cabinet_report,
-    friction_report,
     identification_report,
-    thermal_report,
 )
 from robot_energy_identify.run_all import identify_everything, own_energies, with_provenance
 from robot_energy_identify.stats.held_out_energy import held_out_energy
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS
-from robot_energy_identify.thermal.windows import without_networks
+from robot_energy_identify.thermal.network import without_networks
 
 Found = TypeVar("Found", bound=Result)
 Names = str | Path | Sequence[str | Path]
@@ -128,9 +129,9 @@ def identify_friction(
     recordings, (meaning, _) = read.with_effort(used), read.meaning()
     source = read.names
     with cause_named(lambda: [torque_evidence(part, meaning) for part in recordings]):
-        friction = find_friction(recordings, used, source, share_shape)
-    found = friction_report(friction, read.effort or "measured")
-    written = _made_from(friction.write(used, source), "Friction identified.", read)
+        found = find_friction(recordings, used, source, share_shape)
+    found = replace(found, effort=read.effort or "measured")
+    written = _made_from(found.write(used, source), "Friction identified.", read)
     return IdentificationResult(written, found)
 
 
@@ -161,9 +162,8 @@ def identify_thermal(
     used, read = model_of(model), _source(bags, None, options)
     recordings = read.recordings(without_networks(used))
     with read.progress("identifying"):
-        thermal = find_thermal(recordings, used, ambient_degc, read.names)
-    found = thermal_report(thermal)
-    written = _made_from(thermal.write(used), "Thermal networks identified.", read)
+        found = find_thermal(recordings, used, ambient_degc, read.names)
+    written = _made_from(found.write(used), "Thermal networks identified.", read)
     return IdentificationResult(written, found)
 
 
@@ -196,10 +196,10 @@ def identify_cabinet(
     recordings, moved = on_one_clock(read.recordings(used))
     refuse_meter(recordings, EffortMeaning.NONE)
     found = fit_supply(recordings, read.names, link_voltages)
-    found = replace(found, cabinet=replace(found.cabinet, notes=(*moved, *found.cabinet.notes)))
-    check_cabinet(found.cabinet)
+    losses = replace(found.losses, notes=(*moved, *found.losses.notes))
+    check_cabinet(losses)
     written = _made_from(found.model, "Constant losses of the cabinet identified.", read)
-    return IdentificationResult(written, cabinet_report(found))
+    return IdentificationResult(written, replace(found, losses=losses))
 
 
 @takes(SourceOptions)
@@ -304,16 +304,27 @@ def identify_dynamics(
         RobotEnergyError: If recordings or model cannot be used.
     """
     used, read = model_of(model), _source(bags, effort, options)
-    stretches = [part for parts in read.channels(used).values() for part in parts]
+    recordings = read.channels(used)
+    how = settings or DynamicsSettings()
+    how = how if read.sensors is None else replace(how, sensors=read.sensors)
     with read.progress("identifying"):
-        how = settings or DynamicsSettings()
-        how = how if read.sensors is None else replace(how, sensors=read.sensors)
-        result = fit_dynamics(stretches, used, how)
-    held_out, consistent = result.held_out(), result.held_out_consistent()
+        return dynamics_of(recordings, used, how, [hashed(path) for path in read.paths])
+
+
+def dynamics_of(
+    recordings: Mapping[str, Sequence[Channels]],
+    model: RobotModel,
+    settings: DynamicsSettings,
+    bags: Sequence[str],
+) -> IdentificationResult[DynamicsReport]:
+    """Return what recordings show of the dynamics; of several each is held out whole, too."""
+    result = fit_dynamics([part for own in recordings.values() for part in own], model, settings)
+    found = result.report()
     with cause_named(lambda: [evidence_of_rows(result)]):
-        check_dynamics(result, consistent)
-    written = to_model(result, [hashed(path) for path in read.paths])
-    return IdentificationResult(written, dynamics_report(result, held_out, consistent))
+        check_dynamics(result, found.torque_error["held_out_model_file"])
+    if len(recordings) > 1:
+        found = replace(found, across=across_recordings(recordings, model, settings))
+    return IdentificationResult(to_model(result, bags), found)
 
 
 def _source(bags: Names | BagSource, effort: str | None, options: SourceOptions) -> BagSource:
@@ -415,7 +426,9 @@ def identify_all(
             f"nothing can be identified from these recordings. {reasons}",
             remedy="record with torque or current, temperature, or a power meter",
         )
+    undone = [bag.with_meter_undone(whole.meter_time_constant, whole.meter_delay) for bag in fitted]
     notes += own_energies(fitted, whole)
+    notes += stepping_meters(bag.whole(whole.model) for bag in undone)
     energy = None
     if options.get("held_out", True):
         kind, folds = folds_of(fitted, tests, [span for _, span in known])

@@ -219,7 +219,7 @@ def rest_of_drives(data: DriveData, model: RobotModel) -> Rest | None:
         pieces = sums(data, model)
     except NotIdentifiableError:
         return None
-    pieces = pieces.rows(np.isfinite(pieces.drives))
+    pieces = pieces[np.isfinite(pieces.drives)]
     if len(pieces) < MIN_READINGS:
         return None
     rest = pieces.measured - pieces.drives

@@ -25,18 +25,18 @@ from robot_energy.model.figure import PositiveFigure
 from robot_energy.model.schema import Cabinet, Capacitor
 from robot_energy.physics.drives_and_cabinet import CabinetStage
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
-from robot_energy_identify.cabinet.link_errors import energy_errors
 from robot_energy_identify.cabinet.link_readings import (
     MIN_FLOW,
     LinkReadings,
     best_energy,
+    energy_errors,
     readings_of,
     squared_error,
     tried,
     with_energy,
 )
 from robot_energy_identify.data.recordings import Recording, spread, with_meter
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.drive_data import held_energy
 from robot_energy_identify.stats.cross_validation import (
     EnergyScore,
@@ -105,7 +105,7 @@ class LinkFit(Described):
 def fit_link(
     recordings: Sequence[Recording],
     cabinet: Cabinet | None = None,
-    drives: DrivesFound | None = None,
+    drives: DrivesReport | None = None,
 ) -> LinkFit:
     """Return the energy with its interval, and what it is worth on held-out readings.
 

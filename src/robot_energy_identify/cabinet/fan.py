@@ -29,11 +29,12 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan
-from robot_energy.physics.drives_and_cabinet import FanStage
+from robot_energy.physics.drives_and_cabinet import FanStage, warmest_degc
 from robot_energy.timeline.blocks import NANOSECOND, Float, MeterLocation
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.cabinet.levels import level_step, levels_of
 from robot_energy_identify.cabinet.phase_readings import at_rest, holding, parted, row_of
+from robot_energy_identify.cabinet.thermometers import Thermometers, thermometers_of
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import COOL, shaft_torque, winding_torque
 from robot_energy_identify.drives.losses import TERMS, loss_columns
@@ -68,6 +69,11 @@ class FanFit(Described):
     rests: Annotated[
         int, "Number of rests around its starts; 0 where levels of recordings show it."
     ]
+    thermometers: Annotated[
+        tuple[float, ...] | None,
+        "What the thermometer of each motor shows above the mean of all; None where begins of "
+        "recordings do not show it. [K]",
+    ] = None
 
     def entry(self, source: str) -> CabinetFan:
         """Return it for a model file.
@@ -79,7 +85,9 @@ class FanFit(Described):
         on = Figure(value=self.on_above_degc, tag="identified", std=self.on_std, source=source)
         stops = PositiveFigure(value=HYSTERESIS, tag="assumed", std=HYSTERESIS_STD)
         power = identified(self.power, self.std, source)
-        return CabinetFan(power=power, on_above_degc=on, hysteresis=stops)
+        return CabinetFan(
+            power=power, on_above_degc=on, hysteresis=stops, thermometers=self.thermometers
+        )
 
 
 class FanFound(NamedTuple):
@@ -120,8 +128,10 @@ def with_fan(
 
 def _by_levels(recordings: Sequence[Recording]) -> FanFound | None:
     """A fan that levels of recordings show, sure or likely."""
+    known = thermometers_of(recordings)
+    errors = None if known is None else known.error
     try:
-        levels = levels_of(recordings)
+        levels = levels_of(recordings, errors)
     except NotIdentifiableError:
         return None
     step = level_step(levels)
@@ -137,10 +147,17 @@ def _by_levels(recordings: Sequence[Recording]) -> FanFound | None:
             UNTIL_IT_RUNS,
         )
         return FanFound(None, str(reason), step.power)
-    off = 2.0**0.5 * recordings[0].sensors.std.thermometer
+    off = _between_thermometers(recordings, known)
     on_std = float(np.hypot((step.above - step.below) / ROOT12, off))
     between = 0.5 * (step.below + step.above)
-    return FanFound(FanFit(step.power, step.std, between, on_std, step.recordings, 0))
+    fit = FanFit(step.power, step.std, between, on_std, step.recordings, 0, errors)
+    return FanFound(fit)
+
+
+def _between_thermometers(recordings: Sequence[Recording], known: Thermometers | None) -> float:
+    """Deviation between two thermometers; another motor may be the warmest later. [K]"""
+    std = recordings[0].sensors.std.thermometer if known is None else known.std
+    return 2.0**0.5 * std
 
 
 @dataclass(frozen=True)
@@ -195,6 +212,15 @@ class Rests:
         scatter = MEDIAN_TO_STD * float(np.median(np.abs(low - np.median(low))))
         kept = self._rows(low <= max(FED * scatter, EXACT))
         return self if len(kept.time) == count else kept.fed_by_grid
+
+    def before(self, fan: CabinetFan) -> Rests:
+        """Return those before any start.
+
+        Args:
+            fan: Whose start it is.
+        """
+        start = fan.on_above_degc
+        return self._rows(self.warmest_degc <= start.value - NOT_YET * (start.std or 0.0))
 
     def _rows(self, rows: NDArray[np.bool_]) -> Rests:
         every = self.time, self.power, self.warmest_degc, self.heat, self.fall
@@ -265,10 +291,11 @@ class PowerStep:
 
 
 def with_begin(fan: CabinetFan, recordings: Sequence[Recording], source: str) -> CabinetFan:
-    """Return the fan with the warmest begin of a recording that shows that it did not run.
+    """Return the fan with the warmest rest of a recording that shows that it did not run.
 
-    Only where its model leaves that open, between the temperatures of its stop and its start, and
-    below the coldest begin there at which it ran.
+    Only of recordings that begin where its model leaves that open, between the temperatures of its
+    stop and its start, of rests surely before its start, and below the coldest begin there at which
+    it ran. A monitor that had begun at such a rest had found the fan at rest.
 
     Args:
         recordings: By the model with this fan and the drives of these recordings.
@@ -277,15 +304,15 @@ def with_begin(fan: CabinetFan, recordings: Sequence[Recording], source: str) ->
     found: dict[bool, list[float]] = {False: [], True: []}
     for part in recordings:
         cabinet = part.model.cabinet
-        warmest = np.fmax.reduce(part.power.motor_temperature_degc, axis=1)
+        warmest = warmest_degc(part.power.motor_temperature_degc, fan.thermometers)
         known = warmest[np.isfinite(warmest)][:1]
-        open_at = FanStage(cabinet).step(known[:, None]) if _usable(part) else 0.0
+        open_at = FanStage(cabinet, assumed=True).step(known[:, None]) if _usable(part) else 0.0
         if np.any(open_at):
-            rests = _rests(part)
+            rests = _rests(part, fan.thermometers)
             constant = cabinet.loss_dc.value + cabinet.loss_grid.value
             seen = runs_at_begin(rests, fan, constant)
             if seen is not None:
-                found[seen].append(float(known[0]))
+                found[seen] += [float(known[0]), *rests.before(fan).warmest_degc.tolist()]
     coldest = min(found[True], default=np.inf)
     off = [degc for degc in found[False] if degc < coldest]
     if not off:
@@ -300,9 +327,7 @@ def runs_at_begin(rests: Rests, fan: CabinetFan, constant: float) -> bool | None
     Args:
         constant: Of the cabinet without it. [W]
     """
-    start = fan.on_above_degc
-    before = rests.warmest_degc <= start.value - NOT_YET * (start.std or 0.0)
-    power = rests.power[before]
+    power = rests.before(fan).power
     if len(power) < AROUND:
         return None
     middle = float(np.median(power))
@@ -318,8 +343,12 @@ def find_fan(recordings: Sequence[Recording]) -> FanFit:
         NotIdentifiableError: If the power has no step, or no fan explains it.
     """
     usable = [part for part in recordings if _usable(part)]
-    off = 2.0**0.5 * usable[0].sensors.std.thermometer if usable else 0.0
-    return fan_of([_rests(part) for part in usable], off)
+    if not usable:
+        return fan_of([], 0.0)
+    known = thermometers_of(usable)
+    errors = None if known is None else known.error
+    found = fan_of([_rests(part, errors) for part in usable], _between_thermometers(usable, known))
+    return replace(found, thermometers=errors)
 
 
 def fan_of(recordings: Sequence[Rests], thermometer: float) -> FanFit:
@@ -393,9 +422,9 @@ def _usable(part: Recording) -> bool:
     return meter is not None and meter.location is MeterLocation.GRID and bool(known)
 
 
-def _rests(part: Recording) -> Rests:
+def _rests(part: Recording, thermometers: tuple[float, ...] | None) -> Rests:
     pieces, power = at_rest(part, holding(part))
-    warmest = np.fmax.reduce(part.power.motor_temperature_degc, axis=1)
+    warmest = warmest_degc(part.power.motor_temperature_degc, thermometers)
     so_far = np.fmax.accumulate(warmest)
     fall = np.nan_to_num(so_far - warmest)  # where it is unknown, it counts as warm
     middle = 0.5 * NANOSECOND * (pieces.stamp_ns + pieces.end_ns)

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robot_energy.physics.drives_and_cabinet import warmest_degc
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import drive_data
@@ -80,8 +81,13 @@ class LevelStep:
     recordings: int
 
 
-def levels_of(recordings: Sequence[Recording]) -> FanLevels:
+def levels_of(
+    recordings: Sequence[Recording], thermometers: tuple[float, ...] | None = None
+) -> FanLevels:
     """Return the levels of recordings with temperatures and a meter at the grid.
+
+    Args:
+        thermometers: As of `robot_energy.physics.drives_and_cabinet.warmest_degc`. [K]
 
     Raises:
         NotIdentifiableError: If readings are too few.
@@ -90,7 +96,7 @@ def levels_of(recordings: Sequence[Recording]) -> FanLevels:
     pieces = sums(data, recordings[0].model)
     warmest = np.concatenate(
         [
-            np.fmax.accumulate(np.fmax.reduce(part.power.motor_temperature_degc, axis=1))
+            np.fmax.accumulate(warmest_degc(part.power.motor_temperature_degc, thermometers))
             for part in recordings
         ]
     )

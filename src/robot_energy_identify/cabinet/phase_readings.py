@@ -44,7 +44,7 @@ def readings_inside(
     meter = recording.meter
     if meter is None:
         return NO_PIECES
-    stamp = recording.power.stamp_ns
+    stamp, segment = recording.power.stamp_ns, recording.power.segment
     outside = np.concatenate([[0], np.cumsum(~phase)])
     kept = NO_PIECES
     for part in recording.limits.pieces(meter):
@@ -53,6 +53,8 @@ def readings_inside(
         inside = (first > 0) & (last < len(stamp)) & (last > first)
         last = np.minimum(last, len(stamp))
         inside &= outside[last] == outside[np.minimum(first, last)]
+        # what the robot does while its joint states stop is not known
+        inside &= segment[first - 1] == segment[np.minimum(last, len(stamp) - 1)]
         kept = CoveredPieces.concatenate([kept, part[inside]])
     return kept
 

@@ -8,12 +8,14 @@ changes nothing that matters: rest is determined by readings half a second and m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import field, replace
+from typing import Annotated
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Cabinet
 from robot_energy.physics.drives_and_cabinet import CabinetStage, FanStage
+from robot_energy.results.base import Result
 from robot_energy_identify.cabinet.cabinet import (
     CabinetFit,
     fit_cabinet,
@@ -29,34 +31,25 @@ from robot_energy_identify.drives.delays import (
     with_response,
 )
 from robot_energy_identify.drives.drive_data import DriveData, drive_data
-from robot_energy_identify.stats.lag import Delay, applied
+from robot_energy_identify.stats.lag import MeterDelay, MeterTimeConstant, applied
 
 
-@dataclass(frozen=True)
-class SupplyFound:
-    """What a meter says of everything behind the drives.
+class CabinetReport(Result, name="cabinet"):
+    """Constant losses of the cabinet, and energy of the DC link."""
 
-    Attributes:
-        link: Energy of the DC link; None if it was not stated.
-        reason: Why the link is not in the model; empty if it is.
-        note: What was taken for its voltages; empty if it is not in the model.
-        delay: Of the meter behind the joint states; undone where it is sure.
-        low_pass: Time constant of a low pass in the meter; likewise.
-        model: With all that was taken.
-    """
-
-    cabinet: CabinetFit
-    link: LinkFit | None
-    reason: str
-    note: str
-    delay: Delay | None
-    low_pass: Delay | None
-    model: RobotModel
+    losses: Annotated[CabinetFit, "Constant losses."]
+    meter_delay: MeterDelay
+    meter_time_constant: MeterTimeConstant
+    link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not determined."]
+    link_taken: Annotated[bool, "Whether the model has it."]
+    link_reason: Annotated[str, "Why the model does not have it; empty if it has."]
+    link_note: Annotated[str, "Where its voltages come from; empty if the model has none."]
+    model: Annotated[RobotModel, "With all that was taken."] = field(repr=False)
 
 
 def fit_supply(
     recordings: Sequence[Recording], source: str, voltages: Voltages | None = None
-) -> SupplyFound:
+) -> CabinetReport:
     """Return constant losses, DC link, and the model with both.
 
     Args:
@@ -94,7 +87,8 @@ def fit_supply(
     if link is not None and not reason:
         model, note = with_link(model, link, source, voltages)
     model = with_likely_fan(with_response(model, low_pass, delay, source), fan.likely)
-    return SupplyFound(cabinet, link, reason, note, delay, low_pass, model)
+    taken = link is not None and not reason
+    return CabinetReport(cabinet, delay, low_pass, link, taken, reason, note, model)
 
 
 def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit | None, str]:

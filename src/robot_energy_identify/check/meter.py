@@ -7,12 +7,14 @@ from typing import Annotated
 
 import numpy as np
 
+from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
 from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
+from robot_energy_identify.check.meter_step import step_of
 
 MIN_INTERVALS = 20
 MIN_CORRELATION = 0.4
@@ -29,7 +31,14 @@ FAR_STEP = 0.1  # s
 APART = 5.0  # times the usual step, beyond which samples or readings do not follow each other
 LEAST_RATIO = 0.1  # of meter and prediction, below which one of them is wrong
 MAX_EXCESS = 2.0  # of the meter over the prediction
-BODIES = ("joint_sign", "zero_offset", "joint_order", "payload", "gear_ratio")  # spoil predictions
+BODIES = (
+    "joint_sign",
+    "zero_offset",
+    "joint_order",
+    "payload",
+    "gear_ratio",
+    "other_robot",
+)  # spoil predictions
 TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
@@ -83,6 +92,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
     findings += _lag(evidence, time, measured, [one for one in wrong if one in BODIES])
     if not any(one in TORQUES for one in wrong):
         findings += _balance(evidence, measured[both], predicted[both])
+        findings += _step(evidence)
     return findings, ""
 
 
@@ -190,6 +200,22 @@ def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> 
             lag, *remedies.meter(evidence, delay=late),
         )
     ]  # fmt: skip
+
+
+def _step(evidence: Evidence) -> list[Finding]:
+    """Whether the readings step at the same predicted power."""
+    meter, power = evidence.meter, evidence.supply
+    assert meter is not None
+    assert power is not None
+    response = MeterResponse.of(evidence.model)
+    if response is None:
+        lag = lag_of(evidence)
+        response = MeterResponse(0.0 if isinstance(lag, str) else max(lag.lag, 0.0))
+    comparison = Comparison(evidence.inputs.meter_max_gap, response=response)
+    comparison.measure(meter)
+    compared = comparison.predict(power.stamp_ns, power.segment, power.power_at(meter.location))
+    found = step_of(compared, int(evidence.stamp_ns[0]))
+    return [] if found is None else [found]
 
 
 def _balance(evidence: Evidence, measured: Float, predicted: Float) -> Iterator[Finding]:

@@ -11,7 +11,7 @@ from robot_energy.foundation.files.regular_file import xml_encoding
 from robot_energy.model import RobotModel, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.streams import StampOrder
-from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.data.observations import Channels, stretches
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import LogMapping
 

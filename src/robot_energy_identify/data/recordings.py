@@ -47,7 +47,7 @@ from robot_energy.timeline.blocks import (
     TorqueBlock,
 )
 from robot_energy.timeline.pieces import Compared
-from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.data.observations import Channels, stretches
 from robot_energy_identify.data.thinned import MOST, Thinned, without_deviation
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
@@ -291,6 +291,16 @@ def undone(meter: MeterBlock, delay: float, constant: float = 0.0) -> MeterBlock
 def spread(recordings: Sequence[Recording]) -> list[Recording]:
     """Return minutes of all recordings, an equal share of each, see `Recording.spread`."""
     return [part.spread(SPREAD / len(recordings)) for part in recordings]
+
+
+def temperatures_known(recordings: Sequence[Recording]) -> list[NDArray[np.bool_]]:
+    """Return which samples know the temperature of every axis that has one at all, shape (N,) each.
+
+    The others have friction at the fallback temperature, which a meter would count as losses.
+    """
+    known = [np.isfinite(part.power.motor_temperature_degc) for part in recordings]
+    has = np.any([rows.any(axis=0) for rows in known], axis=0)
+    return [np.asarray((rows | ~has).all(axis=1)) for rows in known]
 
 
 def with_meter(recordings: Sequence[Recording]) -> list[Recording]:

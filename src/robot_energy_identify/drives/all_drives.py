@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import field, replace
 from functools import partial
 from typing import Annotated
 
@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.certainty.priors import figure_std
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.drive_models import DRIVE_MODELS
+from robot_energy.results.base import Number, Result, Texts
+from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify.drives.delays import (
     estimate_power_delay,
     meter_lags,
@@ -34,52 +35,133 @@ from robot_energy_identify.drives.total_power import (
     held_out_powers,
     with_total,
 )
-from robot_energy_identify.drives.total_sums import MIN_READINGS, Sums, resting, sums
+from robot_energy_identify.drives.total_sums import COEFFICIENTS, MIN_READINGS, Sums, resting, sums
 from robot_energy_identify.stats.cross_validation import EnergyScore
-from robot_energy_identify.stats.lag import Delay, applied
+from robot_energy_identify.stats.lag import Delay, MeterDelay, MeterTimeConstant, applied
 
 IDENTIFIED = "identified"
 OPEN = 0.05  # probability of the rarer state of a fan, above which nobody knows whether it runs
 AGREES = 2.0  # deviations between the power of a fan by its step and by all readings
 
 
-class TotalFound(Described):
-    """What one meter for all drives determines."""
+class LossTerm(Result):
+    """One coefficient of the loss model."""
 
-    data: Sums
-    fit: TotalFit
+    value: Annotated[float, "In the unit of its term."]
+    std: Annotated[Number, "Standard deviation; None where it is not determined."]
+    at_bound: Annotated[bool, "Whether the value came out negative and stays at 0."]
+
+
+class AxisLosses(Result):
+    """Losses of one drive behind one meter for all."""
+
+    name: Annotated[str, "Name of the joint."]
+    copper: Annotated[LossTerm, "Loss over squared motor torque. [W/(N m)^2]"]
+    linear: Annotated[LossTerm, "Loss over motor speed. [W s/rad]"]
+    quadratic: Annotated[LossTerm, "Loss over squared motor speed. [W s^2/rad^2]"]
+
+
+class TotalPower(Result):
+    """Losses of all drives, from one meter."""
+
+    location: Annotated[MeterLocation, "Where the meter sits."]
+    readings: Annotated[int, "Number of readings of the meter."]
+    duration: Annotated[float, "Time that they cover. [s]"]
+    recordings: Annotated[int, "Number of recordings that they come from."]
+    structure: Annotated[str, "What the readings distinguish."]
+    constant: Annotated[float, "Constant power. [W]"]
+    constant_std: Annotated[Number, "[W]"]
+    axes: Annotated[tuple[AxisLosses, ...], "One per joint."]
+    block_rms: Annotated[dict[str, float], "RMS error on blocks not seen, by structure. [W]"]
     held_out: Annotated[str, "``recordings`` or ``blocks``."]
-    scores: Annotated[dict[str, EnergyScore], "On held-out data, by way."]
-    delay: Annotated[
-        Delay | None,
-        "Of the meter behind the joint states; undone where it is sure. None where it cannot "
-        "be determined, or was known before.",
-    ] = None
-    low_pass: Annotated[Delay | None, "Time constant of a low pass in the meter; likewise."] = None
+    ways: Annotated[dict[str, EnergyScore], "Predictions of held-out readings, by way."]
+    meter_delay: MeterDelay
+    meter_time_constant: MeterTimeConstant
+    notes: Annotated[Texts, "What the readings do not determine, one sentence each."]
+    parts: Annotated[dict[str, dict[str, float]], "Of the deviations, by column and cause."]
+    data: Annotated[Sums, "The readings."] = field(repr=False)
+    fit: Annotated[TotalFit, "The fit behind it."] = field(repr=False)
     fan_power: Annotated[
         float | None,
         "Of the fan that a step in these recordings shows, by all readings; None without one. [W]",
-    ] = None
+    ] = field(default=None, repr=False)
     fan_test: Annotated[
         tuple[tuple[EnergyScore, EnergyScore], ...],
         "Scores of identified losses with that fan and without it: of all readings, and of those "
         "at rest; empty without a fan.",
-    ] = ()
+    ] = field(default=(), repr=False)
+
+    @classmethod
+    def of(
+        cls,
+        data: Sums,
+        fit: TotalFit,
+        held_out: str,
+        ways: dict[str, EnergyScore],
+        low_pass: Delay | None = None,
+        delay: Delay | None = None,
+    ) -> TotalPower:
+        """Return what a fit to the readings of one meter says, by itself and on held-out data."""
+        return cls(
+            location=data.location,
+            readings=len(data),
+            duration=float(data.duration.sum()),
+            recordings=len(set(data.recording.tolist())),
+            structure=fit.structure,
+            constant=fit.constant,
+            constant_std=fit.constant_std,
+            axes=tuple(
+                AxisLosses(name, *(_term(data, fit, joint, row) for row in range(3)))
+                for joint, name in enumerate(data.names)
+            ),
+            block_rms={str(name): rms for name, rms in fit.errors.items()},
+            held_out=held_out,
+            ways=ways,
+            meter_delay=delay,
+            meter_time_constant=low_pass,
+            notes=tuple(_not_determined(fit)),
+            parts=fit.losses.parts,
+            data=data,
+            fit=fit,
+        )
 
 
-class DrivesFound(Described):
-    """What recordings say of the drives."""
+def _term(data: Sums, fit: TotalFit, joint: int, row: int) -> LossTerm:
+    names = {f"{COEFFICIENTS[row]} of {which}" for which in (data.names[joint], "all axes")}
+    return LossTerm(
+        float(fit.coefficients[row, joint]),
+        float(fit.deviations[row, joint]),
+        bool(names & set(fit.losses.negative)),
+    )
 
-    drives: Annotated[DrivesFit | None, "From the power of each drive; None without."]
-    total: Annotated[TotalFound | None, "From one meter for all; None without."]
-    delay: Annotated[
-        Delay | None, "Of the power of the drives behind the joint states; undone where it is sure."
-    ] = None
+
+def _not_determined(fit: TotalFit) -> list[str]:
+    negative, undetermined = fit.losses.negative, fit.losses.undetermined
+    notes: list[str] = []
+    if undetermined:
+        notes.append(f"not distinguished from those before, taken as 0: {', '.join(undetermined)}")
+    if negative:
+        notes.append(f"at the bound 0, negative otherwise: {', '.join(negative)}")
+    if fit.structure in ("shared", "axis_copper"):
+        notes.append("what axes share cannot be distinguished per axis from one meter here")
+    return notes
+
+
+class DrivesReport(Result, name="drives"):
+    """Electrical power of the drives."""
+
+    torque: Annotated[str, "Where the torque comes from; empty if that was not asked."]
+    drives: Annotated[DrivesFit | None, "Fit to the power of each drive; None without such power."]
+    delay: Annotated[Delay | None, "Lag of it behind the joint states; None where unknown."]
+    total: Annotated[TotalPower | None, "Fit to one meter for all drives; None without a meter."]
+    notes: Annotated[Texts, "What was decided for the model file without data, one sentence each."]
 
     def write(self, model: RobotModel, source: str) -> tuple[RobotModel, list[str]]:
         """Return a model with these drives, and what was decided without data."""
         if self.total is not None:
-            model = with_response(model, self.total.low_pass, self.total.delay, source)
+            model = with_response(
+                model, self.total.meter_time_constant, self.total.meter_delay, source
+            )
         if self.drives is not None:
             changed = with_drives(model, self.drives, source)
             return changed, _unfitted(model, changed.drive)
@@ -113,7 +195,7 @@ def find_drives(
     source: str = "",
     cutoff: float = CUTOFF,
     in_time: bool = False,
-) -> DrivesFound:
+) -> DrivesReport:
     """Return what the power of each drive and the meter say of the drives.
 
     Args:
@@ -136,7 +218,7 @@ def find_drives(
         pieces = sums(data, model)
         here = model is not None and pieces.fan is not None and _found_here(model, source)
         if model is not None and here:
-            pieces = pieces.rows(fan_known(pieces, model))
+            pieces = pieces[fan_known(pieces, model)]
         fit = fit_total(pieces)
         fan_power, whole = None, None
         if model is not None and here:
@@ -148,16 +230,15 @@ def find_drives(
         tested = ()
         if model is not None and whole is not None:
             tested = fan_test(found, held_out_powers(whole, None), resting(pieces, model))
-        total = TotalFound(
-            pieces, fit, found.kind, found.scores(), lag, low_pass, fan_power, tested
-        )
+        total = TotalPower.of(pieces, fit, found.kind, found.scores(), low_pass, lag)
+        total = replace(total, fan_power=fan_power, fan_test=tested)
     if drives is None and total is None:
         raise NotIdentifiableError(
             "the recordings have neither the power of the drives nor a power meter",
             "measured electrical power, with torque and speed",
             "name the topic of the drives with --drive-power, or record the meter's topic",
         )
-    return DrivesFound(drives, total, delay)
+    return DrivesReport("", drives, delay, total, ())
 
 
 def _found_here(model: RobotModel, source: str) -> bool:

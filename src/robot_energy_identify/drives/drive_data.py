@@ -28,7 +28,7 @@ from robot_energy.timeline.blocks import (
     MeterLocation,
     MeterMeaning,
 )
-from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.recordings import Recording, temperatures_known
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower
 from robot_energy_identify.drives.losses import loss_columns
 from robot_energy_identify.friction.samples import bodies_identified
@@ -232,11 +232,11 @@ def drive_data(
     torque = np.concatenate(
         [
             np.where(
-                part.sound[:, None],
+                (part.sound & warm)[:, None],
                 part.power.motor_torque_measured if measured_torque else shaft_torque(part),
                 np.nan,
             )
-            for part in recordings
+            for part, warm in zip(recordings, temperatures_known(recordings), strict=True)
         ]
     )
     electrical = np.concatenate(

@@ -247,18 +247,7 @@ class _Fitter:
                 notes.append(
                     f"{name}: {', '.join(losses.negative)} at the bound 0, negative otherwise"
                 )
-            reduced = reduced_map(
-                name,
-                data.motor_torque[:, joint],
-                data.motor_velocity[:, joint],
-                data.drive_power[:, joint],
-                data.stretch,
-                data.periods,
-                rows,
-                self._cutoff,
-                self._points,
-                source,
-            )
+            reduced = reduced_map(data, joint, rows, self._cutoff, self._points, source)
         except NotIdentifiableError as error:
             notes.append(error.found)
         samples = AxisSamples(

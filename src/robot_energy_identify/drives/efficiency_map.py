@@ -23,6 +23,7 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.drive_models import EfficiencyMap
 from robot_energy.timeline.blocks import Float, Int
+from robot_energy_identify.drives.drive_data import DriveData
 
 if TYPE_CHECKING:
     from robot_energy_identify.drives.drives import AxisFit
@@ -108,12 +109,8 @@ def processed(values: Float, stretch: Int, period: Float | float, cutoff: float)
 
 
 def reduced_map(
-    name: str,
-    torque: Float,
-    velocity: Float,
-    electrical: Float,
-    stretch: Int,
-    period: Float | float,
+    data: DriveData,
+    joint: int,
     rows: NDArray[np.bool_],
     cutoff: float = CUTOFF,
     points: int = POINTS,
@@ -127,15 +124,12 @@ def reduced_map(
     wanted number of points allows.
 
     Args:
-        torque: Motor side, shape (N,). [N m]
-        velocity: Motor side, shape (N,). [rad/s]
-        electrical: Measured input, shape (N,). [W]
-        stretch: Number of the uninterrupted stretch of each sample, shape (N,).
-        period: Between samples, the same throughout a stretch, shape () or (N,). [s]
         rows: Samples to use, shape (N,); the others count as missing.
         cutoff: Of the low-pass. [Hz]
         source: Where the data come from, for the model file.
     """
+    torque, velocity = data.motor_torque[:, joint], data.motor_velocity[:, joint]
+    electrical = data.drive_power[:, joint]
     shaft = torque * velocity
     with np.errstate(divide="ignore", invalid="ignore"):
         raw = np.where(rows & (electrical != 0.0), shaft / electrical, np.nan)
@@ -147,11 +141,11 @@ def reduced_map(
     known = int(moving.sum())
     if known < MIN_SAMPLES:
         raise NotIdentifiableError(
-            f"{name} moves in {known} samples with power, torque and speed",
+            f"{data.names[joint]} moves in {known} samples with power, torque and speed",
             f"at least {MIN_SAMPLES}",
         )
     kept = without_outliers(raw)
-    eta = smooth(kept, stretch, period, cutoff)
+    eta = smooth(kept, data.stretch, data.periods, cutoff)
     used = moving & np.isfinite(eta)
     at, values, cell = _thinned(torque[used], velocity[used], eta[used], points)
     sign = np.where(values < 0, -1.0, 1.0)

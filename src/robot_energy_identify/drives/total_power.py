@@ -103,9 +103,7 @@ def fit_total(data: Sums) -> TotalFit:
 def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
     """Predict every fold as the fit of the others does."""
     rest = replace(data, deviations=False)
-    return predict_held_out(
-        fold, lambda train, test: predict(data.rows(test), fit(rest.rows(train)))
-    )
+    return predict_held_out(fold, lambda train, test: predict(data[test], fit(rest[train])))
 
 
 def fit_structure(
@@ -326,9 +324,9 @@ def _squares_without_pairs(
     rest = replace(data, deviations=False)
     for pair in combinations(range(len(names)), 2):
         tests = [fold == names[place] for place in pair]
-        fit = fit_structure(rest.rows(~(tests[0] | tests[1])), structure)
+        fit = fit_structure(rest[~(tests[0] | tests[1])], structure)
         for place, other, test in zip(pair, reversed(pair), tests, strict=True):
-            error = predict(data.rows(test), fit) - data.measured[test]
+            error = predict(data[test], fit) - data.measured[test]
             squares[other, place] = error @ error
     return squares
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterLocation, Rows
 from robot_energy.timeline.pieces import NO_PIECES, CoveredPieces
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData, location
@@ -22,11 +20,9 @@ from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
 COEFFICIENTS = ("copper", "linear", "quadratic")
 MIN_READINGS = 20
-OF_PIECES = ("duration", "measured", "shaft", "terms", "given", "drives", "recording", "block",
-             "shares")  # fmt: skip
 
 
-class Sums(Described):
+class Sums(Rows):
     """Pieces between readings of the meter, with the means of what the drives do in them."""
 
     names: tuple[str, ...]
@@ -44,7 +40,9 @@ class Sums(Described):
     ]
     recording: Annotated[Int, "Shape (K,)."]
     block: Annotated[Int, "Shape (K,)."]
-    scale: Annotated[Float, "Of each joint's coefficients where axes share them, shape (3, n)."]
+    scale: Annotated[
+        tuple[Float, ...], "Of each joint's coefficients where axes share them, shape (n,) each."
+    ]
     shares: Annotated[
         Float, "Shaft power of every joint by `DriveData.torque_share`, shape (K, n). [W]"
     ]
@@ -60,20 +58,6 @@ class Sums(Described):
     fan: Annotated[
         Float | None, "Power of the fan, shape (K,); None without one that the meter sees. [W]"
     ] = None
-
-    def __len__(self) -> int:
-        return len(self.duration)
-
-    def rows(self, mask: NDArray[np.bool_]) -> Sums:
-        """Return some of the pieces.
-
-        Args:
-            mask: Which of them, shape (K,).
-        """
-        kept = {name: getattr(self, name)[mask] for name in OF_PIECES}
-        viscous = None if self.viscous is None else self.viscous[mask]
-        fan = None if self.fan is None else self.fan[mask]
-        return replace(self, **kept, viscous=viscous, fan=fan)
 
 
 def sums(data: DriveData, model: RobotModel | None) -> Sums:
@@ -131,13 +115,13 @@ def sums(data: DriveData, model: RobotModel | None) -> Sums:
         means[:, 2],
         recording[first],
         data.block[rows][first],
-        _scale(data, model),
+        tuple(_scale(data, model)),
         means[:, shares],
         data.sensors,
         viscous=None if data.viscous_off is None else means[:, viscous],
         fan=fan,
     )
-    return found.rows(few(len(found)))
+    return found[few(len(found))]
 
 
 def resting(data: Sums, model: RobotModel) -> NDArray[np.bool_]:

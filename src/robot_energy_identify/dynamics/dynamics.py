@@ -19,10 +19,10 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.counterbalance import AnySpring
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.results.base import Number, Result, Texts
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.blas_threads import one_thread
-from robot_energy_identify.data.observations import Filters, Observations, Rows, observe
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels, Filters, Observations, Rows, observe
 from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
 from robot_energy_identify.dynamics.consistent import Prior, consistent_fit, link_prior
 from robot_energy_identify.dynamics.torque_model import (
@@ -35,6 +35,7 @@ from robot_energy_identify.dynamics.torque_model import (
     standard_columns,
 )
 from robot_energy_identify.dynamics.validation import (
+    LeaveOneOut,
     TorqueError,
     check_channels,
     check_length,
@@ -195,6 +196,63 @@ class Dynamics(Described):
         values = self.torque_model.without_offsets(self.standard)
         torque = regressor @ values + self.torque_model.payload_torque(motion, regressor)
         return Drivetrain.from_model(self.model).motor_torque_from_joint(torque)
+
+    def report(self, tests: Sequence[str] = ("held_out", "held_out_model_file")) -> DynamicsReport:
+        """Return the result with some of its held-out errors."""
+        values, half, std = self.fit.values, self.fit.interval(), self.fit.std
+        errors = {
+            "held_out": self.held_out,
+            "held_out_model_file": self.held_out_consistent,
+            "held_out_given_bodies": self.held_out_given_bodies,
+        }
+        return DynamicsReport(
+            base_parameters=tuple(
+                BaseParameter(
+                    name,
+                    self.base.expression(group),
+                    float(values[group]),
+                    float(std[group]),
+                    float(half[group]),
+                    bool(abs(values[group]) < half[group]),
+                    name in self.poorly_known,
+                    self.fit.parts_of(group),
+                )
+                for group, name in enumerate(self.base.labels)
+            ),
+            torque_error={test: errors[test]() for test in tests},
+            delay=self.delay,
+            across=None,
+            notes=self.notes,
+            result=self,
+        )
+
+
+class BaseParameter(Result):
+    """One group of inertial, rotor and friction parameters."""
+
+    name: Annotated[str, "Name of the standard parameter that stands for the group."]
+    sum: Annotated[str, "The group."]
+    value: Annotated[float, "Value in the unit of that parameter."]
+    std: Annotated[Number, "Standard deviation."]
+    interval_95: Annotated[Number, "Half width of the 95 % interval."]
+    weakly_excited: Annotated[bool, "Whether the interval is wider than the value."]
+    better_known_by_urdf: Annotated[bool, "Whether the URDF determines it more precisely."]
+    parts: Annotated[dict[str, float], "Parts of the standard deviation, by cause."]
+
+
+class DynamicsReport(Result, name="dynamics"):
+    """Bodies, rotors and friction."""
+
+    base_parameters: Annotated[tuple[BaseParameter, ...], "Groups that torque determines."]
+    torque_error: Annotated[
+        dict[str, TorqueError],
+        "Error by test: ``held_out`` (least squares) and ``held_out_model_file`` (bodies that can "
+        "exist); ``held_out_given_bodies`` where it was compared.",
+    ]
+    delay: Annotated[Delay, "Lag of the torque behind the positions."]
+    across: Annotated[LeaveOneOut | None, "Errors of recordings held out whole; None for one."]
+    notes: Annotated[Texts, "What the user should know, one sentence each."]
+    result: Annotated[Dynamics, "The identification behind it."] = field(repr=False)
 
 
 @one_thread

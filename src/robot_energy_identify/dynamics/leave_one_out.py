@@ -13,44 +13,21 @@ is never shown without them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated
 
 import numpy as np
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.timeline.blocks import Float
-from robot_energy_identify.data.observations import Observations
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels, Observations
 from robot_energy_identify.dynamics.dynamics import Dynamics, DynamicsSettings, identify_dynamics
-from robot_energy_identify.dynamics.validation import TorqueError, torque_error
-
-
-class Work(Described):
-    """Work of every motor over the rows that are compared."""
-
-    net: Annotated[Float, "Integral of the power, shape (n,). [J]"]
-    positive: Annotated[Float, "Integral of the power where it is positive, shape (n,). [J]"]
-
-
-class HoldOutResult(Described):
-    """A prediction of one recording next to what was measured in it."""
-
-    recording: Annotated[str, "The one that was predicted."]
-    trained_on: Annotated[tuple[str, ...], "Recordings of the fit; itself: its other blocks."]
-    torque: Annotated[TorqueError, "Error of the model file."]
-    predicted: Annotated[Work, "Work as the model file says it."]
-    measured: Annotated[Work, "Work as measured."]
-    least_squares: Annotated[TorqueError, "Torque error of the fit without bodies that can exist."]
-
-
-class LeaveOneOut(Described):
-    """Recordings of one robot, each held out once."""
-
-    judgements: Annotated[tuple[HoldOutResult, ...], "From the others, then from own blocks."]
-    refused: Annotated[tuple[str, ...], "What was not predicted, and why, one sentence each."]
+from robot_energy_identify.dynamics.validation import (
+    HoldOutResult,
+    LeaveOneOut,
+    Work,
+    torque_error,
+)
 
 
 def across_recordings(

@@ -25,8 +25,7 @@ from robot_energy.model import RobotModel
 from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.timeline.blocks import Float, Int
-from robot_energy_identify.data.observations import ROWS_PER_RATE, Filters, Observations
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import ROWS_PER_RATE, Channels, Filters, Observations
 from robot_energy_identify.dynamics.base_parameters import BaseParameters
 from robot_energy_identify.dynamics.consistent import Prior
 from robot_energy_identify.stats import cross_validation
@@ -49,6 +48,31 @@ class TorqueError(Described):
     joint: Annotated[Float, "Of each joint, over its moving rows, shape (n,). [-]"]
     total: Annotated[float, "Of all joints, over their moving rows. [-]"]
     with_standstill: Annotated[float, "Of all joints, over moving and standing rows. [-]"]
+
+
+class Work(Described):
+    """Work of every motor over the rows that are compared."""
+
+    net: Annotated[Float, "Integral of the power, shape (n,). [J]"]
+    positive: Annotated[Float, "Integral of the power where it is positive, shape (n,). [J]"]
+
+
+class HoldOutResult(Described):
+    """A prediction of one recording next to what was measured in it."""
+
+    recording: Annotated[str, "The one that was predicted."]
+    trained_on: Annotated[tuple[str, ...], "Recordings of the fit; itself: its other blocks."]
+    torque: Annotated[TorqueError, "Error of the model file."]
+    predicted: Annotated[Work, "Work as the model file says it."]
+    measured: Annotated[Work, "Work as measured."]
+    least_squares: Annotated[TorqueError, "Torque error of the fit without bodies that can exist."]
+
+
+class LeaveOneOut(Described):
+    """Recordings of one robot, each held out once."""
+
+    judgements: Annotated[tuple[HoldOutResult, ...], "From the others, then from own blocks."]
+    refused: Annotated[tuple[str, ...], "What was not predicted, and why, one sentence each."]
 
 
 def torque_error(observations: Observations, predicted: Float) -> TorqueError:

@@ -18,15 +18,16 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
+from robot_energy.results.base import Number, Result, Texts, known
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.blas_threads import one_thread
-from robot_energy_identify.dynamics.base_parameters import BaseParameters, not_excited
+from robot_energy_identify.dynamics.base_parameters import not_excited
 from robot_energy_identify.dynamics.torque_model import (
     ParameterColumn,
     TorqueModel,
     standard_columns,
 )
-from robot_energy_identify.excitation.limits import ExcitationLimits, slopes
+from robot_energy_identify.excitation.limits import ExcitationLimits, Floor, slopes
 from robot_energy_plan.motion import FourierBasis, FourierMotion, Trajectory
 
 Criterion = Literal["condition", "determinant"]
@@ -134,17 +135,33 @@ class ExcitationSettings(Described):
                 raise MotionError(f"{name} is {getattr(self, name)}", f"a number from {least} on")
 
 
-class Excitation(Described):
-    """An optimised motion."""
+KINDS = ("position", "velocity", "acceleration", "torque")
 
-    motion: FourierMotion
-    settings: ExcitationSettings
-    limits: ExcitationLimits
-    base: Annotated[BaseParameters, "Groups of parameters that any motion can determine."]
-    start: ExcitationScore
-    quality: ExcitationScore
-    use: Annotated[dict[str, Float], "Of each limit less margin, by kind, shape (n,); at most 1."]
-    height: Annotated[float, "Least height of the watched link, inf where none is. [m]"]
+
+class ExcitedJoint(Result):
+    """One joint of the motion."""
+
+    name: Annotated[str, "Name of the joint."]
+    start: Annotated[float, "Position at the start. [rad] or [m]"]
+    use: Annotated[dict[str, Number], "Share of each limit, by kind; None without a limit. [-]"]
+
+
+class ExcitationReport(Result, name="excitation"):
+    """A motion for the identification of the dynamics."""
+
+    settings: Annotated[ExcitationSettings, "Settings of the search."]
+    before: Annotated[ExcitationScore, "How well the best random start does."]
+    after: Annotated[ExcitationScore, "How well the optimised motion does."]
+    base_parameters: Annotated[
+        dict[str, str], "All that a motion can determine: sum of each group by its name."
+    ]
+    without_effect: Annotated[Texts, "Parameters that no torque depends on."]
+    margin: Annotated[float, "Share of every limit that was allowed. [-]"]
+    acceleration_assumed: Annotated[bool, "Whether the limits of the acceleration were not given."]
+    joints: Annotated[tuple[ExcitedJoint, ...], "In model order."]
+    floor: Annotated[Floor | None, "Height that a link keeps; None without one."]
+    least_height: Annotated[Number, "Least height that the link reaches; None without a floor. [m]"]
+    motion: Annotated[FourierMotion, "The motion."] = field(repr=False)
 
 
 @one_thread
@@ -153,7 +170,7 @@ def optimise_excitation(
     limits: ExcitationLimits,
     settings: ExcitationSettings | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> Excitation:
+) -> ExcitationReport:
     """Return the motion, best of all starts, that determines the base parameters, within limits.
 
     Args:
@@ -177,16 +194,28 @@ def optimise_excitation(
     weights = min(ends, key=lambda entry: entry[0])[1]
     start = min(starts, key=lambda entry: entry[0])[1]
     motion = FourierMotion(basis, weights)
-    fine = _finely(motion)
-    return Excitation(
-        motion,
-        settings,
-        limits,
-        scorer.base,
-        scorer.quality(problem.motion(start)),
-        scorer.quality(problem.motion(weights)),
-        limits.largest(fine),
-        float(limits.height(fine.joint_position[::10]).min()),
+    fine, base = _finely(motion), scorer.base
+    use = {kind: share * limits.margin for kind, share in limits.largest(fine).items()}
+    use["torque"] = np.where(np.isfinite(limits.torque), use["torque"], np.nan)
+    return ExcitationReport(
+        settings=settings,
+        before=scorer.quality(problem.motion(start)),
+        after=scorer.quality(problem.motion(weights)),
+        base_parameters=dict(zip(base.labels, map(base.expression, range(len(base))), strict=True)),
+        without_effect=base.without_effect,
+        margin=limits.margin,
+        acceleration_assumed=limits.acceleration_assumed,
+        joints=tuple(
+            ExcitedJoint(
+                name,
+                float(fine.joint_position[0, joint]),
+                {kind: known(use[kind][joint]) for kind in KINDS},
+            )
+            for joint, name in enumerate(limits.robot.joint_names)
+        ),
+        floor=limits.floor,
+        least_height=float(limits.height(fine.joint_position[::10]).min()),
+        motion=motion,
     )
 
 

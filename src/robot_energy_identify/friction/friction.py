@@ -31,12 +31,14 @@ from robot_energy_identify.friction.further_terms import (
     load_of,
     load_that_shows,
 )
-from robot_energy_identify.friction.held_out import HeldOutPart, folds_of_axis, held_out_law
 from robot_energy_identify.friction.laws import (
     MIN_RANGE,
+    HeldOutPart,
     fit_falling,
     fit_law,
     fitted_laws,
+    folds_of_axis,
+    held_out_law,
     nuisance,
     one_speed,
     stribeck,
@@ -157,7 +159,7 @@ def fit_friction(data: FrictionData, source: str = "") -> FrictionFit:
     fit, moving = fit_laws(data, source), moving_samples(data)
     if fit.stribeck is not None:
         return fit
-    if len(moving.load) and moving.load.any():
+    if moving.rigid is not None and moving.rigid.any():
         saturation = load_that_shows(fit.chosen, fit.errors[fit.chosen].rms, moving)
         if saturation is not None:
             with_load = moving.by_load(saturation)
@@ -224,7 +226,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
             errors["constant"] = held_out(
                 moving.friction_torque,
                 fold,
-                lambda train, test: falling_torque(plain.rows(train), plain.rows(test)),
+                lambda train, test: falling_torque(plain[train], plain[test]),
             )
             chosen = "constant"
             warnings.append(
@@ -266,7 +268,7 @@ def _fit(moving: FrictionData, source: str) -> FrictionFit:
         held_out=part,
         stribeck=term,
         load=load_of(regression, moving),
-        load_seen=len(moving.load) > 0,
+        load_seen=moving.rigid is not None,
         exponent=exponent_of(regression, moving),
     )
 

@@ -14,8 +14,7 @@ import numpy as np
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.friction_laws import LawEntry
 from robot_energy.physics.friction import viscous_law
-from robot_energy_identify.friction.held_out import folds_of_axis, held_out_law
-from robot_energy_identify.friction.laws import fit_law, one_speed
+from robot_energy_identify.friction.laws import fit_law, folds_of_axis, held_out_law, one_speed
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.stats.cross_validation import contiguous_folds, simplest
 from robot_energy_identify.stats.regression import Fit
@@ -111,6 +110,7 @@ def load_that_shows(law: str, rms: float, data: FrictionData) -> float | None:
     Returns:
         Infinite where it never does.
     """
+    assert data.load is not None
     whole, fold = data.by_load(np.inf), folds_of_axis(data)[1]
     try:
         found = load_of(fit_law(law, whole)[1], whole)

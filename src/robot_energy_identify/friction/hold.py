@@ -11,18 +11,16 @@ predicts them better than the shares.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
 from robot_energy.model.figure import Figure
 from robot_energy.model.schema import Hold, RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.data.rest import still_joints
 from robot_energy_identify.stats.cross_validation import FOLDS, GAIN
@@ -63,8 +61,7 @@ class HoldFit(Described):
         return model.changed(hold=hold)
 
 
-@dataclass(frozen=True)
-class _Rests:
+class _Rests(Rows):
     """Rests of joints, shape (K,) each: joint, direction, carried load, torque minus the load."""
 
     joint: Int
@@ -72,11 +69,6 @@ class _Rests:
     load: Float
     excess: Float
     joints: int
-
-    def rows(self, mask: NDArray[np.bool_]) -> _Rests:
-        """Return some of them."""
-        part = (self.joint[mask], self.direction[mask], self.load[mask], self.excess[mask])
-        return _Rests(*part, self.joints)
 
     def table(self, static: Float) -> Float:
         """Columns of both figures with the static friction of each joint, shape (K, 2)."""
@@ -88,7 +80,7 @@ class _Rests:
 def fit_hold(recordings: Sequence[Recording], model: RobotModel) -> HoldFit | None:
     """Return what the motors of a robot hold at rest; None where too few rests show it."""
     rests = _rests(recordings, model)
-    count = len(rests.joint)
+    count = len(rests)
     if count < MIN_RESTS:
         return None
     target = rests.excess
@@ -112,8 +104,8 @@ def _held_out(rests: _Rests, fold: Int, weight: Float, own: bool) -> Float:
     left = np.empty(len(fold))
     for number in range(FOLDS):
         test = fold == number
-        found, _, static, _ = _solve(rests.rows(~test), weight[~test], own)
-        held = rests.rows(test)
+        found, _, static, _ = _solve(rests[~test], weight[~test], own)
+        held = rests[test]
         left[test] = held.excess - held.table(static) @ found
     return left
 

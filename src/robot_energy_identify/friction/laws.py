@@ -1,4 +1,4 @@
-"""The laws of viscous friction over temperature, each fitted to samples in motion.
+"""The laws of viscous friction over temperature, each fitted to samples in motion, and held out.
 
 Everything but the temperature scale of the exponential law is linear; that scale is
 searched, and the rest solved for each.
@@ -6,8 +6,9 @@ searched, and the rest solved for each.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,9 +23,16 @@ from robot_energy.model.friction_laws import (
 )
 from robot_energy.model.joint import Stribeck
 from robot_energy.physics.friction import viscous_law
-from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.blocks import Float, Int
 from robot_energy_identify.bounds import AT_BOUND, identified
 from robot_energy_identify.friction.samples import FrictionData
+from robot_energy_identify.stats.cross_validation import (
+    HeldOut,
+    Mask,
+    contiguous_folds,
+    folds_by_value,
+    held_out,
+)
 from robot_energy_identify.stats.regression import Fit, regress
 from robot_energy_identify.stats.systematic import THERMOMETER, moved_by, with_systematic
 
@@ -84,9 +92,10 @@ def regress_friction(data: FrictionData, shape: Float, names: Sequence[str]) -> 
             f"the motions of {data.name}",
             data.deviations,
         )
-        if not data.deviations:
+        if not data.deviations or data.changes is None:
             return fit
-        return with_systematic(fit, columns, {k: (v,) for k, v in data.changes.items()})
+        changes = zip(data.causes, data.changes.T, strict=True)
+        return with_systematic(fit, columns, {cause: (change,) for cause, change in changes})
     except NotIdentifiableError as error:
         if one_speed(data):
             raise _one_speed(data) from error
@@ -240,17 +249,29 @@ def fit_table(data: FrictionData, source: str) -> tuple[TableLaw, Fit]:
     slope = np.zeros(len(fit.values))
     slope[1 : 1 + len(nodes)] = np.gradient(fit.values[1 : 1 + len(nodes)], nodes)
     fit = moved_by(fit, THERMOMETER, data.thermometer * slope)
-    above = fit.values[1 : 1 + len(nodes)] > 0.0
+    values = fit.values[1 : 1 + len(nodes)]
+    std = fit.std[1 : 1 + len(nodes)] if data.deviations else None
+    return table_law(nodes, values, std, source), fit
+
+
+def table_law(nodes: Float, viscous: Float, std: Float | None, source: str) -> TableLaw:
+    """Return a table of what was fitted at some temperatures, nothing below 0.
+
+    Args:
+        nodes: Temperatures, shape (K,). [degC]
+        viscous: Fitted there, shape (K,). [N m s/rad]
+        std: Of each; None where it does not show, shape (K,). [N m s/rad]
+    """
+    above = viscous > 0.0
     below = ", ".join(f"{node:.0f}" for node in nodes[~above])
-    table = TableLaw(
+    return TableLaw(
         law="table",
         motor_temperature_degc=[round(float(node), 3) for node in nodes],
-        viscous=[max(float(value), 0.0) for value in fit.values[1 : 1 + len(nodes)]],
-        std=fit.std[1 : 1 + len(nodes)].tolist() if data.deviations else None,
+        viscous=[max(float(value), 0.0) for value in viscous],
+        std=None if std is None else std.tolist(),
         tag="identified" if above.any() else "assumed",
         source=source if above.all() else f"{AT_BOUND} at {below} degC: {source}",
     )
-    return table, fit
 
 
 def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fit]:
@@ -298,30 +319,52 @@ def fit_exponential(data: FrictionData, source: str) -> tuple[ExponentialLaw, Fi
     found = regress_friction(data, shape, ["hot viscous", "cold viscous"])
     hot, cold = (max(float(value), 0.0) for value in found.values[1:3])
     tangent = _tangent(data, found, cold, scale, middle) if data.deviations else None
+    known = None if tangent is None else tangent.covariance[1:4, 1:4]
+    law = exponential_law((hot, cold, scale), middle, degc, known, source)
+    return law, found if tangent is None else _with_coulomb_of(found, tangent)
+
+
+def exponential_law(
+    figures: tuple[float, float, float],
+    middle: float,
+    degc: Float,
+    known: Float | None,
+    source: str,
+) -> ExponentialLaw:
+    """Return the law ``hot + cold exp(-(T - middle) / c)`` of samples at some temperatures.
+
+    Args:
+        figures: hot and cold [N m s/rad], and c [K].
+        middle: [degC]
+        degc: Of the samples, shape (N,). [degC]
+        known: Covariance of the figures, shape (3, 3), None where it does not show.
+            [units of the figures]
+    """
+    hot, cold, scale = figures
     lift = float(np.exp(middle / scale))
     # of a, of b = cold exp(middle / c), and of c
     to_law = np.array(
         [[1.0, 0.0, 0.0], [0.0, lift, -cold * lift * middle / scale**2], [0.0, 0.0, 1.0]]
     )
-    known, std = None, [None, None, None]
-    if tangent is not None:
+    covariance, std = None, [None, None, None]
+    if known is not None:
         with np.errstate(invalid="ignore"):  # an infinite variance makes NaN, and no covariance
-            covariance = to_law @ tangent.covariance[1:4, 1:4] @ to_law.T
-        covariance = 0.5 * (covariance + covariance.T)  # without what rounding made unequal
-        if np.isfinite(covariance).all():
-            known, std = covariance.tolist(), np.sqrt(np.diag(covariance)).tolist()
+            known = to_law @ known @ to_law.T
+        known = 0.5 * (known + known.T)  # without what rounding made unequal
+        if np.isfinite(known).all():
+            covariance, std = known.tolist(), np.sqrt(np.diag(known)).tolist()
     law = ExponentialLaw(
         law="exponential",
         a=identified(hot, std[0], source),
         b=identified(cold * lift, std[1], source),
         c=PositiveFigure(value=scale, tag="identified", std=std[2], source=source),
         fitted_degc=(float(degc.min()), float(degc.max())),
-        covariance=known,
+        covariance=covariance,
     )
-    if known is not None:
-        greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
-        law = law.model_copy(update={"std": float(greatest)})
-    return law, found if tangent is None else _with_coulomb_of(found, tangent)
+    if covariance is None:
+        return law
+    greatest = viscous_law(law).std(np.linspace(*law.fitted_degc, GRID)).max()
+    return law.model_copy(update={"std": float(greatest)})
 
 
 def _tangent(data: FrictionData, fit: Fit, cold: float, scale: float, middle: float) -> Fit | None:
@@ -357,3 +400,42 @@ def _with_coulomb_of(fit: Fit, tangent: Fit) -> Fit:
 def fitted_laws() -> tuple[str, ...]:
     """Names of the laws that have a fit, the simplest first."""
     return tuple(name for name, kind in FRICTION_LAWS.items() if kind.fit is not None)
+
+
+HeldOutPart = Literal["temperatures", "blocks"]
+
+
+def held_out_law(
+    fit: Callable[[FrictionData], tuple[LawEntry, Fit]], data: FrictionData, fold: Int
+) -> HeldOut:
+    """Return the error of a law on folds that its fit has not seen.
+
+    The nuisances and the offset of the test samples come from the training samples too.
+
+    Args:
+        fold: Of each sample, shape (N,).
+    """
+    data = replace(data, deviations=False)
+
+    def predict(train: Mask, test: Mask) -> Float:
+        return law_torque(*fit(data[train]), data[test])
+
+    return held_out(data.friction_torque, fold, predict)
+
+
+def law_torque(law: LawEntry, fit: Fit, seen: FrictionData) -> Float:
+    """Return the torque of a fitted law at other samples, shape (N,). [N m]"""
+    degc = np.nan_to_num(seen.motor_temperature_degc)  # without any, the law is a constant
+    viscous = viscous_law(law).viscous(degc)
+    return fit.values[0] * seen.sign + viscous * seen.turning + nuisance(fit, seen)
+
+
+def folds_of_axis(data: FrictionData) -> tuple[HeldOutPart, Int]:
+    """Return what is held out (temperatures or blocks in time) and each sample's fold, (N,)."""
+    degc = data.motor_temperature_degc
+    fold = folds_by_value(degc)
+    if len(np.unique(fold)) < 2 or not float(np.ptp(degc)) >= MIN_RANGE:
+        # One thermal state: a fold by temperature would be a few motions, perhaps all one way.
+        number = np.unique(data.block, return_inverse=True)[1]
+        return "blocks", contiguous_folds(int(number.max()) + 1)[number]
+    return "temperatures", fold

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.equations import viscous_velocity
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.stats.cross_validation import averaged, contiguous_blocks, rms_of
@@ -30,11 +28,10 @@ AVERAGED = 0.04  # s: samples this close say the same of friction
 BLOCK = 5.0  # s: residuals further apart than this are taken as independent
 LOG_BLOCK = 30.0  # s: the same for a slow log of one joint
 APART = 5.0  # s between rows of a log, beyond which another run begins
-BY_SAMPLE = ("motor_velocity", "friction_torque", "motor_temperature_degc")
 STEADY = 0.03  # of the greatest speed: a change from row to row beyond it is not a steady motion
 
 
-class FrictionData(Described):
+class FrictionData(Rows):
     """What the fit of one axis sees, motor side. Samples at rest are left out by the fit."""
 
     name: str
@@ -57,30 +54,26 @@ class FrictionData(Described):
     smooth_velocity: Annotated[
         float, "w0 of the smooth sign ``tanh(w/w0)``; 0 for the plain sign. [rad/s]"
     ] = 0.0
+    causes: Annotated[tuple[str, ...], "Of constant errors."] = ()
     changes: Annotated[
-        Mapping[str, Float],
-        "Of the friction torque by one standard deviation of a constant error, by its cause, "
-        "shape (N,) each. [N m]",
-    ] = field(default_factory=dict[str, Float])
+        Float | None,
+        "Of the friction torque by one standard deviation of each of them, shape (N, causes); None "
+        "for none. [N m]",
+    ] = None
     thermometer: Annotated[
         float, "Standard deviation of the offset of the motor temperature. [K]"
     ] = 0.0
-    stamp_ns: Annotated[
-        Int, "Of each sample, shape (N,); empty for a log, whose gears are not identified. [ns]"
-    ] = field(default_factory=partial(np.empty, 0, dtype=np.int64))
+    stamp_ns: Annotated[Int | None, "Of each sample, shape (N,); None for a log. [ns]"] = None
     method: Method = "irls"
     follows_temperature: Annotated[
         bool,
         "Whether the friction work of minutes that no fit has seen shows that viscous friction "
         "follows the temperature, although the scatter of the samples may hide it.",
     ] = False
-    load: Annotated[
-        Float,
-        "Size of the rigid motor torque, shape (N,); empty where bodies are not modelled. [N m]",
-    ] = field(default_factory=partial(np.empty, 0))
     rigid: Annotated[
-        Float, "Rigid motor torque, shape (N,); empty where bodies are not modelled. [N m]"
-    ] = field(default_factory=partial(np.empty, 0))
+        Float | None,
+        "Rigid motor torque, shape (N,); None where bodies are not modelled. [N m]",
+    ] = None
     saturation: Annotated[
         float,
         "Load beyond which friction by load, the first nuisance, rises no further; NaN where it "
@@ -95,25 +88,10 @@ class FrictionData(Described):
         bool, "Whether a fit of it needs them, or only predicts what was held out."
     ] = True
 
-    def __len__(self) -> int:
-        return len(self.motor_velocity)
-
-    def rows(self, mask: NDArray[np.bool_]) -> FrictionData:
-        """Return the samples of a mask.
-
-        Args:
-            mask: Which of them, shape (N,).
-        """
-        kept = {
-            name: getattr(self, name)[mask] for name in (*BY_SAMPLE, "block", "run", "nuisance")
-        }
-        if len(self.stamp_ns):
-            kept["stamp_ns"] = self.stamp_ns[mask]
-        for name in ("load", "rigid"):
-            if len(values := getattr(self, name)):
-                kept[name] = values[mask]
-        changes = {cause: change[mask] for cause, change in self.changes.items()}
-        return replace(self, **kept, changes=changes)
+    @property
+    def load(self) -> Float | None:
+        """Size of the rigid motor torque, shape (N,); None where bodies are not modelled. [N m]"""
+        return None if self.rigid is None else np.abs(self.rigid)
 
     @property
     def sign(self) -> Float:
@@ -140,6 +118,7 @@ class FrictionData(Described):
         Args:
             saturation: Load beyond which it rises no further. [N m]
         """
+        assert self.load is not None
         column = self.sign * np.minimum(self.load, saturation)
         return replace(
             self, nuisance=np.column_stack([column, self.nuisance]), saturation=saturation
@@ -169,28 +148,14 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
     nothing in it and makes ten times fewer of them; a span in which the axis stands or
     turns back is left out.
     """
-    parts = [_of_recording(recording, joint) for recording in recordings]
-    sensors = recordings[0].sensors.std
-    offset = np.cumsum([0, *(int(part.block[-1]) + 1 if len(part) else 0 for part in parts)])
-    smooth = recordings[0].model.joints[joint].friction.smooth_velocity
-    return FrictionData(
-        recordings[0].model.joint_names[joint],
-        np.concatenate([part.motor_velocity for part in parts]),
-        np.concatenate([part.friction_torque for part in parts]),
-        np.concatenate([part.motor_temperature_degc for part in parts]),
-        np.concatenate([part.block + add for part, add in zip(parts, offset, strict=False)]),
-        np.concatenate([part.run + number for number, part in enumerate(parts)]),
-        np.empty((sum(len(part) for part in parts), 0)),
-        0.0 if smooth is None else smooth.value,
-        {
-            cause: np.concatenate([part.changes[cause] for part in parts])
-            for cause in parts[0].changes
-        },
-        sensors.thermometer,
-        np.concatenate([part.stamp_ns for part in parts]),
-        load=np.concatenate([part.load for part in parts]),
-        rigid=np.concatenate([part.rigid for part in parts]),
-    )
+    parts: list[FrictionData] = []
+    block = 0
+    for number, recording in enumerate(recordings):
+        part = _of_recording(recording, joint)
+        run = np.full(len(part), number)
+        parts.append(replace(part, block=part.block + block, run=run))
+        block += int(part.block[-1]) + 1 if len(part) else 0
+    return FrictionData.concatenate(parts)
 
 
 def _of_recording(recording: Recording, joint: int) -> FrictionData:
@@ -211,17 +176,20 @@ def _of_recording(recording: Recording, joint: int) -> FrictionData:
     changes = {TORQUE: sensors.torque * (measured - rigid)}
     if not bodies_identified(recording.model):
         changes = {TORQUE: sensors.torque * measured, BODIES: sensors.bodies * rigid}
+    smooth = recording.model.joints[joint].friction.smooth_velocity
     return FrictionData(
-        "",
+        recording.model.joint_names[joint],
         np.where(usable, averaged(speed, window), 0.0),
         averaged(friction, window),
         averaged(power.motor_temperature_degc[:, joint], window),
         block,
         np.zeros(len(starts), dtype=np.int64),
         np.empty((len(starts), 0)),
-        changes=changes,
-        stamp_ns=torque.stamp_ns[starts],
-        load=np.abs(rigid),
+        0.0 if smooth is None else smooth.value,
+        tuple(changes),
+        np.column_stack([*changes.values()]),
+        sensors.thermometer,
+        torque.stamp_ns[starts],
         rigid=rigid,
     )
 
@@ -231,14 +199,14 @@ def moving_samples(data: FrictionData) -> FrictionData:
 
     Of many, some that are evenly taken.
     """
-    moving = data.rows(moving_rows(data))
+    moving = data[moving_rows(data)]
     if len(moving) < MIN_SAMPLES:
         raise NotIdentifiableError(
             f"{data.name} moves in {len(moving)} of {len(data)} samples",
             f"at least {MIN_SAMPLES} in motion",
             "record motions of this joint at several speeds and in both directions",
         )
-    return moving.rows(few(len(moving)))
+    return moving[few(len(moving))]
 
 
 def moving_rows(data: FrictionData) -> NDArray[np.bool_]:

@@ -26,8 +26,13 @@ from robot_energy.physics.friction import viscous_law
 from robot_energy.timeline.blocks import Float
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.further_terms import load_of
-from robot_energy_identify.friction.held_out import folds_of_axis, held_out_law
-from robot_energy_identify.friction.laws import MIN_RANGE, one_speed, regress_friction
+from robot_energy_identify.friction.laws import (
+    MIN_RANGE,
+    folds_of_axis,
+    held_out_law,
+    one_speed,
+    regress_friction,
+)
 from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import GAIN, rms_of
 from robot_energy_identify.stats.regression import Fit

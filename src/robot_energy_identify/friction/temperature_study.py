@@ -6,6 +6,7 @@ between the runs the gain must vanish; what remains then is chance.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Annotated, get_args
 
@@ -15,9 +16,12 @@ from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model.friction_laws import FRICTION_LAWS, LawEntry, Outside
 from robot_energy.physics.friction import viscous_law
+from robot_energy.results.base import Number, Result
 from robot_energy_identify.friction.laws import fit_law, fitted_laws, nuisance
 from robot_energy_identify.friction.samples import FrictionData, moving_samples
 from robot_energy_identify.stats.cross_validation import rms_of
+
+SHUFFLES = 20
 
 
 class Span(Described):
@@ -69,12 +73,48 @@ class Study(Described):
         raise NotIdentifiableError(f"no {law} law was fitted", "; ".join(self.refused))
 
 
+class AxisStudy(Result):
+    """Laws of one axis, tested on temperatures that their fits have not seen."""
+
+    name: Annotated[str, "Name of the axis."]
+    study: Annotated[Study, "The test."]
+    gain: Annotated[Number, "RMS, exponential law over constant; None without it. [-]"]
+    shuffles: Annotated[int, "How often the temperatures were shuffled between the runs."]
+    median_gain: Annotated[Number, "The same ratio then: its median. [-]"]
+    least_gain: Annotated[Number, "Its least value. [-]"]
+
+
+class FrictionStudyReport(Result, name="friction_study"):
+    """Friction at temperatures that were not seen."""
+
+    studies: Annotated[tuple[AxisStudy, ...], "One per axis."]
+
+
+def axis_study(data: FrictionData, train: Span, test: Span, shuffles: int = SHUFFLES) -> AxisStudy:
+    """Return the test of one axis, and what remains of the gain with temperatures shuffled."""
+    study = temperature_split(data, train, test)
+    chance: list[float] = []
+    for seed in range(shuffles):
+        with suppress(NotIdentifiableError):
+            chance.append(_gain(temperature_split(shuffled(data, seed), train, test)))
+    known = (float(np.median(chance)), float(np.min(chance))) if chance else (None, None)
+    gain = None
+    with suppress(NotIdentifiableError):
+        gain = _gain(study)
+    return AxisStudy(data.name, study, gain, len(chance), *known)
+
+
+def _gain(study: Study) -> float:
+    """RMS of the exponential law over that of the constant."""
+    return study.row("exponential", "extend").rms / study.row("constant").rms
+
+
 def temperature_split(data: FrictionData, train: Span, test: Span) -> Study:
     """Return the errors of every law, fitted at some temperatures and tested at others."""
     moving = moving_samples(data)
     degc = moving.motor_temperature_degc
-    fitted = moving.rows((degc >= train.low) & (degc <= train.high))
-    unseen = moving.rows((degc >= test.low) & (degc <= test.high))
+    fitted = moving[(degc >= train.low) & (degc <= train.high)]
+    unseen = moving[(degc >= test.low) & (degc <= test.high)]
     for part, span in ((fitted, train), (unseen, test)):
         if len(part) < 100:
             raise NotIdentifiableError(

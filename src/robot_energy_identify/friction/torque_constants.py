@@ -51,6 +51,7 @@ def fit_fall(data: FrictionData, source: str = "") -> FallingConstant:
     """
     moving = moving_samples(data)
     degc, rigid = moving.motor_temperature_degc, moving.rigid
+    assert rigid is not None
     number = np.unique(moving.run, return_inverse=True)[1]
     mean = np.bincount(number, degc) / np.bincount(number)
     since = degc - mean[number]

@@ -75,6 +75,9 @@ class Tested(Described):
         "Measured shaft energy of all axes, torque constants as in the last model; NaN without "
         "measured torque. [J]",
     ]
+    shaft_either_way: Annotated[
+        float, "What the motors gave and what they took back, added, by the same torque. [J]"
+    ]
     predictions: Annotated[dict[str, HeldOutPrediction], "By ``given`` or subject, after its step."]
     start_ns: Annotated[int, "Of the recording. [ns]"]
     location: Annotated[MeterLocation | None, "Where the meter sits; None without one."]
@@ -93,8 +96,11 @@ class Tested(Described):
         return self.predictions[stage].energy / self.measured - 1.0
 
     def shaft_error(self, stage: str) -> float:
-        """Return the same of shaft energy, NaN without torque."""
-        return self.predictions[stage].shaft / self.shaft - 1.0
+        """Return the error of shaft energy over that measured either way, NaN without torque.
+
+        What bodies give back hardly counts in their sum, which may be near zero.
+        """
+        return (self.predictions[stage].shaft - self.shaft) / self.shaft_either_way
 
 
 class HeldOutEnergy(Described):
@@ -112,7 +118,7 @@ class HeldOutEnergy(Described):
     @property
     def with_torque(self) -> tuple[Tested, ...]:
         """Those with measured shaft energy."""
-        return tuple(entry for entry in self.tested if np.isfinite(entry.shaft) and entry.shaft)
+        return tuple(entry for entry in self.tested if entry.shaft_either_way > 0.0)
 
     @property
     def within(self) -> tuple[Tested, ...]:
@@ -217,6 +223,7 @@ def _test(
     predictions = {stage: done[id(model)] for stage, model in models.items()}
     compared = predictions[GIVEN].compared
     seen_by_meter = float(sum(part.measured.sum() for part in compared))
+    shaft, either_way = _shaft(final, at_shaft, span)
     rows, met = _shown(first, span), temperature_ranges([first.between(*span)])
     off = np.maximum(seen[0] - met[0], met[1] - seen[1])
     stamp = first.torque.stamp_ns
@@ -231,7 +238,8 @@ def _test(
         name=f"{bag.name}, block {number + 1}" if kind == "blocks" else bag.name,
         duration=sum(int(part.duration_ns.sum()) for part in compared) * NANOSECOND,
         measured=seen_by_meter if compared else float("nan"),
-        shaft=_shaft(final, at_shaft, span),
+        shaft=shaft,
+        shaft_either_way=either_way,
         predictions=predictions,
         start_ns=int(stamp[0]),
         location=None if first.meter is None else first.meter.location,
@@ -257,23 +265,28 @@ def _prediction(recording: Recording, span: Span) -> HeldOutPrediction:
         tuple(compared),
         float(sum(part.drawn.sum() for part in compared)),
         sums.rms,
-        _shaft(recording, predicted, span),
+        _shaft(recording, predicted, span)[0],
         relative_error(predicted[rows] - measured, measured),
         predicted[_shown(recording, span)],
     )
 
 
-def _shaft(recording: Recording, motor_torque: Float, span: Span) -> float:
-    """Shaft energy of all axes where the torque was measured; NaN if it never was. [J]"""
+def _shaft(recording: Recording, motor_torque: Float, span: Span) -> tuple[float, float]:
+    """Shaft energy of all axes where the torque was measured, and the same either way. [J]
+
+    NaN if it never was.
+    """
     block, known = recording.torque, _known_torque(recording, span)
+    known[:-1] &= known[1:] & (np.diff(block.segment) == 0)
     known[-1] = False
-    known[:-1] &= np.diff(block.segment) == 0
     if not known.any():
-        return float("nan")
+        return float("nan"), float("nan")
     rows = np.flatnonzero(known)
     step = (block.stamp_ns[rows + 1] - block.stamp_ns[rows]) * NANOSECOND
-    power = (motor_torque[rows] * block.motor_velocity[rows]).sum(axis=1)
-    return float(np.sum(power * step))
+    power = motor_torque * block.motor_velocity
+    of_axes = (power.sum(axis=1), np.abs(power).sum(axis=1))
+    net, either_way = (float(step @ (one[rows] + one[rows + 1]) / 2.0) for one in of_axes)
+    return net, either_way
 
 
 def _known_torque(recording: Recording, span: Span) -> NDArray[np.bool_]:

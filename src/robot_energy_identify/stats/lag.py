@@ -30,6 +30,14 @@ class Delay(Described):
     span: Annotated[float, "Delays up to this were tried. [s]"]
 
 
+MeterDelay = Annotated[
+    Delay | None, "Lag of the meter behind the joint states; None where it cannot be determined."
+]
+MeterTimeConstant = Annotated[
+    Delay | None, "Time constant of a low pass in the meter; None where it cannot be determined."
+]
+
+
 def applied(delay: Delay | None) -> float:
     """Return what is to be undone of a delay; 0 where it is not sure or not determined. [s]"""
     return 0.0 if delay is None else delay.applied

@@ -206,6 +206,7 @@ class _Axis:
 
 def gear_runs(data: FrictionData) -> list[GearRun]:
     """Return the recordings of one axis in windows, without those that know no temperature."""
+    assert data.stamp_ns is not None
     moving = moving_rows(data)
     known = np.isfinite(data.motor_temperature_degc)
     work = np.nan_to_num(data.friction_torque * data.motor_velocity) * AVERAGED

@@ -1,28 +1,32 @@
 """Fit of the thermal network of one motor: a free run from the first reading is compared.
 
 The measured temperature enters at the start alone; so what is fitted is what runs without a
-sensor. One node or two: the second must predict held-out temperatures better.
+sensor. One node or two: the second must predict held-out temperatures better. The fit sees windows
+of 10 s, or of a sixtieth of a run that lasts less than 10 min, as a small motor needs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from robot_energy.condition.thermal_state import AMBIENT_STD
+from robot_energy.condition.thermal_state import AMBIENT_STD, WINDOW
 from robot_energy.foundation.described import Described
-from robot_energy.foundation.errors import NotIdentifiableError
+from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Figure
 from robot_energy.model.joint import JointThermal
 from robot_energy.physics.motor_heat import MotorHeat
-from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
 from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.bounds import identified
+from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.stats.cross_validation import GAIN, rms_of
-from robot_energy_identify.thermal.windows import ThermalRun
+
+if TYPE_CHECKING:
+    from robot_energy_logs.recording import LogBlock
 
 MIN_RISE = 3.0  # K between the coldest and the warmest reading
 MIN_WINDOWS = 60
@@ -44,6 +48,106 @@ ONE, TWO = ("motor_time", "motor", "idle"), (
     *("motor_time", "motor", "idle"),
     *("structure_time", "structure_ratio", "share"),
 )  # fmt: skip
+
+
+WINDOWS = 60  # of a run at least,
+SHORTEST = 1.0  # s, where it is as long as sixty of these
+MAX_GAP = 600.0  # s without samples, beyond which another run begins
+
+
+class ThermalRun(Rows):
+    """One motor during one run, in windows; those without samples have no heat."""
+
+    time: Annotated[Float, "Start of each window, shape (N,). [s]"]
+    drive_heat: Annotated[
+        Float,
+        "Mean loss of motor and inverter, shape (N,). [W], or of a log the squared motor current. "
+        "[A^2]",
+    ]
+    friction_heat: Annotated[Float, "Mean friction power, shape (N,). [W]"]
+    awake: Annotated[Float, "Share of the window with samples, shape (N,). [-]"]
+    motor_temperature_degc: Annotated[
+        Float, "Last reading in the window, NaN for none, shape (N,). [degC]"
+    ]
+    start_degc: Annotated[float, "First reading. [degC]"]
+    window: Annotated[float, "Length of a window. [s]"] = WINDOW
+    age: Annotated[
+        Float | None,
+        "Of the reading at the end of its window, as a share of the window; None: 0, shape (N,). "
+        "[-]",
+    ] = None
+
+
+def without_networks(model: RobotModel) -> RobotModel:
+    """Return a model that estimates no temperature, so that readings alone are seen."""
+    return model.with_joints("thermal", dict.fromkeys(model.joint_names))
+
+
+def runs_of_recordings(recordings: Sequence[Recording], joint: int) -> list[ThermalRun]:
+    """Return the runs of one motor in recordings of the same robot.
+
+    Args:
+        recordings: Run with a model without thermal networks.
+    """
+    runs: list[ThermalRun] = []
+    for recording in recordings:
+        power = recording.power
+        runs += _runs(
+            power.stamp_ns,
+            power.drive_loss[:, joint],
+            power.friction_power[:, joint],
+            power.motor_temperature_degc[:, joint],
+        )
+    return runs
+
+
+def runs_of_log(blocks: Sequence[LogBlock], joint: int) -> list[ThermalRun]:
+    """Return the runs of one motor in a log with currents and temperatures."""
+    rows = blocks[0].concatenate(blocks)
+    heat = rows.effort[:, joint] ** 2
+    degc = rows.motor_temperature_degc[:, joint]
+    for key, values in (("effort", heat), ("temperature", degc)):
+        if not np.isfinite(values).any():
+            raise LogFormatError(
+                f"the log has no {key} of joint {joint + 1}",
+                "motor currents and motor temperatures",
+                f"name its column under joints.{key} in the mapping",
+            )
+    return _runs(rows.stamp_ns, heat, np.zeros_like(heat), degc, rows.run)
+
+
+def _runs(
+    stamp_ns: Int, drive: Float, friction: Float, degc: Float, run: Int | None = None
+) -> list[ThermalRun]:
+    """Cut samples at long gaps and between runs, and sum them over windows."""
+    cut = np.abs(np.diff(stamp_ns)) > MAX_GAP / NANOSECOND
+    cut |= False if run is None else np.diff(run) != 0
+    cuts = np.flatnonzero(cut) + 1
+    runs: list[ThermalRun] = []
+    for rows in np.split(np.arange(len(stamp_ns)), cuts):
+        time = (stamp_ns[rows] - stamp_ns[rows[0]]) * NANOSECOND
+        known = np.flatnonzero(np.isfinite(degc[rows]))
+        if not len(known):
+            continue
+        time, rows = time[known[0] :] - time[known[0]], rows[known[0] :]
+        length = min(WINDOW, max(float(time[-1]) / WINDOWS, SHORTEST))
+        window = (time // length).astype(np.int64)
+        count = int(window[-1]) + 1
+        duration = np.minimum(np.diff(time, append=time[-1]), length)
+        awake = np.bincount(window, duration, count) / length
+        heats = [
+            np.bincount(window, np.nan_to_num(heat[rows]) * duration, count) / length
+            for heat in (drive, friction)
+        ]
+        readings = np.full(count, np.nan)
+        read = np.isfinite(degc[rows])
+        readings[window[read]] = degc[rows][read]  # the last one stays
+        new = np.flatnonzero(read)[1:][np.diff(degc[rows][read]) != 0.0]
+        age = np.zeros(count)  # one that says the same again is as good as new
+        age[window[new]] = window[new] + 1 - time[new] / length
+        starts, first = np.arange(count) * length, float(degc[rows[0]])
+        runs.append(ThermalRun(starts, heats[0], heats[1], awake, readings, first, length, age))
+    return runs
 
 
 class ThermalFit(Described):
@@ -213,7 +317,7 @@ def free_run(heat: MotorHeat, run: ThermalRun, ambient_degc: float, start: float
         for mode in range(2)
     ]
     ends = ambient_degc + np.sum(above_ambient, axis=0)
-    if not len(run.age):
+    if run.age is None:
         return ends
     return ends - run.age * np.diff(ends, prepend=run.start_degc)
 
@@ -279,7 +383,7 @@ def _held_out(
     parts: list[tuple[Float, Float, Float]] = []
     if len(runs) == 1:
         row = int(TRAIN_SHARE * len(runs[0]))
-        train, tests = [[runs[0].until(row)]], [(runs[0], row)]
+        train, tests = [[runs[0][:row]]], [(runs[0], row)]
     else:
         train = [[run for run in runs if run is not test] for test in runs]
         tests = [(run, 0) for run in runs]

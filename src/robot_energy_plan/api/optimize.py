@@ -29,7 +29,7 @@ from robot_energy_plan.optimization.measures import Optimum, optimise
 from robot_energy_plan.optimization.program_form import ProgramForm, PtpForm
 from robot_energy_plan.optimization.rest_states import ASSUMED, read_rest_states
 from robot_energy_plan.optimization.task import Task, make_task
-from robot_energy_plan.optimization.timed_moves import TimedForm, law_limits, timed_moves
+from robot_energy_plan.optimization.timed_moves import law_limits, timed_form, timed_moves
 from robot_energy_plan.optimization.trajectory_form import TrajectoryForm, recorded_motion
 from robot_energy_plan.options import OptimizeOptions
 from robot_energy_plan.results.optimization import OptimizationReport, optimization_report
@@ -129,7 +129,7 @@ def optimize(
     if options.get("time_law"):
         limits = law_limits(chain, form.acceleration, form.jerk)
         laws = timed_moves(chain, form.moves, form.base, limits, progress=options.get("progress"))
-        chosen = TimedForm(form, laws)
+        chosen = timed_form(form, laws)
         task = task_of(chosen)
     found = optimise(task)
     report = optimization_report(found, chosen, name, notes, options.get("cycles_per_year"))

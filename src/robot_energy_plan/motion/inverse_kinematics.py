@@ -1,13 +1,12 @@
 """Joint positions that bring a tool to given places, by the structure of the robot.
 
 - A gantry (prismatic joints only): linear, exact.
-- A planar arm (parallel revolute axes): closed form where two joints are free, else the
-  configuration nearest to the start (`motion.planar`).
+- A planar arm (parallel revolute axes): the configuration nearest to the start (`motion.planar`).
 - Six or more joints: the tool's orientation is held; Newton steps with the Jacobian, damped
   where it loses rank, each place from the solution of the one before.
 
-Solutions are continuous along a path that is sampled densely, keep to the position limits and
-bring the tool to within 1e-9 m, or are refused.
+Solutions keep to the position limits and bring the tool to within 1e-9 m, or are refused. Along a
+path that is sampled densely they are continuous; `motion.tool_motion` refuses jumps.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
@@ -29,7 +27,6 @@ LEVEL = 1e-9  # m: how far a place may lie off the plane of a planar arm
 SINGULAR = 1e-3  # least singular value of a Jacobian [m/rad], a turn counting as one metre
 DAMPING = 1e-2  # below this singular value steps are damped
 MAX_STEPS = 100
-JUMP, JUMP_WAY = 0.5, 0.1  # rad in less than so many m is not motion but another branch
 SPATIAL_JOINTS = 6
 
 
@@ -90,7 +87,6 @@ class InverseKinematics:
         else:
             found = self._solve_spatial(tool_position, start)
         self._check_limits(tool_position, found)
-        self._check_jumps(tool_position, found)
         return found
 
     def _solve_gantry(self, wanted: Float, begin: Float) -> Float:
@@ -116,10 +112,7 @@ class InverseKinematics:
         if far.any():
             row = int(np.argmax(far))
             raise self._refused(wanted, row, float(distance[row]), greatest, self._free[0], least)
-        if len(self._free) == 2:
-            found = arm.two_free(place, begin, self._free)
-        else:
-            found = arm.nearest(place, begin, self._free, self._weight)
+        found = arm.nearest(place, begin, self._free, self._weight)
         lost = np.isnan(found).any(axis=1)
         if lost.any():
             row = int(np.argmax(lost))
@@ -177,21 +170,6 @@ class InverseKinematics:
                 f"{_point(wanted, row)} puts {self.robot.joint_names[joint]} at "
                 f"{found[row, joint]:.6g} {limits.unit(joint)}",
                 f"{limits.lower[joint]:.6g} to {limits.upper[joint]:.6g}",
-                "begin with another configuration, or move the work piece",
-            )
-
-    def _check_jumps(self, wanted: Float, found: Float) -> None:
-        turn = np.abs(np.diff(found[:, ~self.robot.limits.prismatic], axis=0)).max(
-            axis=1, initial=0.0
-        )
-        way = np.linalg.norm(np.diff(wanted, axis=0), axis=1)
-        jump: NDArray[np.bool_] = (turn > JUMP) & (way < JUMP_WAY)
-        if jump.any():
-            row = int(np.argmax(jump)) + 1
-            raise MotionError(
-                f"a joint would turn by {turn[row - 1]:.3g} rad while the tool moves "
-                f"{1e3 * way[row - 1]:.3g} mm to {_point(wanted, row)}",
-                "a path that stays clear of singular configurations",
                 "begin with another configuration, or move the work piece",
             )
 

@@ -24,8 +24,8 @@ from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int
-from robot_energy_plan.motion.ptp import ArrayRecord, MotionLimits, Profile, Program, Trajectory
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
+from robot_energy_plan.motion.ptp import MotionLimits, Profile, Program, Trajectory
 from robot_energy_plan.optimization.deviations import EnergyDeviations
 
 STEP = 4e-3  # s between samples
@@ -36,7 +36,7 @@ SPEEDS = np.array([10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 70, 80, 90, 100])
 ACCELERATIONS = np.array([5, 10, 20, 30, 45, 65, 100]) / 100  # [-]
 
 
-class Candidates(ArrayRecord):
+class Candidates(Rows):
     """Moves, each with its way of being made, shape (P,) each."""
 
     move: Int
@@ -81,6 +81,11 @@ class Moves(ABC):
             place: Candidate of each row, shape (N,).
             time: Since the start of the move, shape (N,). [s]
         """
+
+    def instants(self, candidates: Candidates, place: int) -> Float:
+        """Return when one candidate has the points of a trajectory, from 0 on, shape (K,). [s]"""
+        length = float(self.duration(candidates)[place])
+        return np.linspace(0.0, length, max(2, int(np.ceil(length / STEP)) + 1))
 
 
 class PtpMoves(Moves):
@@ -170,7 +175,7 @@ TORQUE_SHARE = 0.95
 """Of the torque limits that a changed move may use: friction is not known exactly. [-]"""
 
 
-class Use(ArrayRecord):
+class Use(Rows):
     """What candidates or rests need; the mean over the temperatures, of P candidates."""
 
     duration: Annotated[Float, "Shape (P,). [s]"]
@@ -261,7 +266,7 @@ class PowerChain:
             winding = np.broadcast_to(degc, shape).copy()
             electrical, _ = self.drive.input_power(shaft, speed, torque, winding)
             stamp = np.rint(np.cumsum(weight) / NANOSECOND).astype(np.int64)
-            fan = FanStage(self.model.cabinet)
+            fan = FanStage(self.model.cabinet, assumed=True)
             stage = CabinetStage(self.model.cabinet)
             balance = stage.step(stamp, place, electrical.sum(axis=1), fan.step(winding))
             returned = self.model.cabinet.regeneration_efficiency

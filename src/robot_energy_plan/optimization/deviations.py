@@ -178,7 +178,7 @@ class DeviationSums:
         self._deviations = EnergyDeviations(model)
         self._standstill = motor_standstill(model)
         self._hold, self._drive = HoldTorque(model), drive_from_model(model)
-        self._fan = FanStage(model.cabinet)
+        self._fan = FanStage(model.cabinet, assumed=True)
         self._fallback_degc = model.temperature.fallback_degc
         self._blocks = ConsecutiveBlocks()
         self.energy: Float = np.zeros(1)

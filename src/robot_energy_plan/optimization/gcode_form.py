@@ -67,6 +67,9 @@ class _FeedMoves(Moves):
     def duration(self, candidates: Candidates) -> Float:
         return np.array([self.motion(speed).duration for speed in candidates.speed.tolist()])
 
+    def instants(self, candidates: Candidates, place: int) -> Float:
+        return self.motion(float(candidates.speed[place])).instants
+
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
         """The motion; ``place`` rises."""
         cuts = np.searchsorted(place, np.arange(len(candidates) + 1))
@@ -120,14 +123,6 @@ class GcodeForm(WrittenTrajectory):
                 "process allows",
             ),
         )
-
-    def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
-        made = self._feeds.motion(float(chosen.speed[0]))
-        wait, path = float(rest[0]), made.sample(made.instants)
-        if wait <= 0.0:
-            return made.instants, path
-        waited = Trajectory.concatenate([path[:1], path])
-        return np.concatenate([[0.0], made.instants + wait]), waited
 
     def _write(self, path: Path, chosen: Candidates, rest: Float) -> None:
         text = self._feeds.written(float(chosen.speed[0]))

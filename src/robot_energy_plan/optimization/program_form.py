@@ -21,6 +21,7 @@ from robot_energy_plan.optimization.chain import ACCELERATIONS, SPEEDS, Candidat
 from robot_energy_plan.optimization.search import CyclePlan
 from robot_energy_plan.optimization.task import ProgramMoves, Task
 
+MIN_REST = 1e-4  # s; less is rounding
 MIN_JERK_TIME = 0.01  # s, over which a time law builds up acceleration where nothing is stated
 DIGITS = 6  # of shares in a file, after the point
 
@@ -59,9 +60,23 @@ class ProgramForm(ProgramMoves, ABC):
 class WrittenTrajectory(ProgramForm):
     """A program whose changed form is points of a trajectory."""
 
-    @abstractmethod
     def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
         """Times from 0 on, shape (K,) [s], and the points."""
+        clock, times, parts = 0.0, list[Float](), list[Trajectory]()
+        for place, wait in enumerate(rest.tolist()):
+            own = self.moves.instants(chosen, place)
+            path = self.moves.sample(chosen, np.full(len(own), place, dtype=np.int64), own)
+            waits = wait > MIN_REST
+            if waits and not times:
+                times.append(np.zeros(1))
+                still = np.zeros_like(path.joint_position[:1])
+                parts.append(Trajectory(path.joint_position[:1], still, still))
+            rows = slice(0 if waits or not times else 1, None)
+            clock += wait
+            times.append((clock + own)[rows])
+            parts.append(path[rows])
+            clock += float(own[-1])
+        return np.concatenate(times), Trajectory.concatenate(parts)
 
     def _motion(self, chosen: Candidates, rest: Float) -> SampledMotion:
         time, path = self._points(chosen, rest)

@@ -11,12 +11,11 @@ import numpy as np
 from robot_energy.physics.drives_and_cabinet import FanStage
 from robot_energy.timeline.blocks import Float, Int
 from robot_energy_plan.motion.ptp import Trajectory
-from robot_energy_plan.optimization.chain import STEP, TORQUE_SHARE, Candidates, Moves, PowerChain
+from robot_energy_plan.optimization.chain import TORQUE_SHARE, Candidates, Moves, PowerChain
 from robot_energy_plan.optimization.program_form import ProgramForm, WrittenTrajectory
 from robot_energy_plan.optimization.time_law import LawLimits, path_power, time_law
 
 PARTS = 60  # of a path
-MIN_REST = 1e-4  # s; less is rounding
 MARGIN = 0.99  # of the acceleration limits: between the places that are looked at [-]
 LAW_TORQUE = 0.95  # of the torque that a changed move may use, for the same reason [-]
 PRICES = (-0.9, -0.5, 0.0, 1.0, 3.0)  # of a second, over the power at rest, on top of the losses
@@ -99,7 +98,9 @@ def timed_moves(
         progress: Called with the share done, 0 to 1.
     """
     cabinet = chain.model.cabinet
-    fan = np.array([FanStage(cabinet).step(one[None]) for one in chain.motor_temperature_degc])
+    fan = np.array(
+        [FanStage(cabinet, assumed=True).step(one[None]) for one in chain.motor_temperature_degc]
+    )
     loss_grid = cabinet.loss_grid.value + float(fan.mean())
     laws: list[Float] = []
     owner: list[int] = []
@@ -139,31 +140,8 @@ def law_limits(chain: PowerChain, acceleration: Float, jerk: Float) -> LawLimits
     return LawLimits(limits.velocity, MARGIN * acceleration, jerk, torque)
 
 
-class TimedForm(WrittenTrajectory):
-    """A program with time laws."""
-
-    def __init__(self, form: ProgramForm, moves: Moves) -> None:
-        note = "moves with a time law of their own need a controller that follows a trajectory"
-        given: dict[str, Any] = {one.name: getattr(form, one.name) for one in fields(ProgramForm)}
-        given |= {"moves": moves, "notes": (*form.notes, note)}
-        super().__init__(**given)
-
-    def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
-        length = self.moves.duration(chosen)
-        clock, times, parts = 0.0, list[Float](), list[Trajectory]()
-        for k, (wait, move) in enumerate(zip(rest.tolist(), length.tolist(), strict=True)):
-            count = max(2, int(np.ceil(move / STEP)) + 1)
-            own = np.linspace(0.0, float(move), count)
-            path = self.moves.sample(chosen, np.full(count, k, dtype=np.int64), own)
-            still = Trajectory(
-                path.joint_position[:1], 0 * path.joint_velocity[:1], 0 * path.joint_velocity[:1]
-            )
-            if not times:
-                times.append(np.array([clock]))
-                parts.append(still)
-            rows = slice(0 if wait > MIN_REST else 1, None)
-            clock += wait
-            times.append((clock + own)[rows])
-            parts.append(path[rows])
-            clock += move
-        return np.concatenate(times), Trajectory.concatenate(parts)
+def timed_form(form: ProgramForm, moves: Moves) -> WrittenTrajectory:
+    """Return a program with time laws."""
+    note = "moves with a time law of their own need a controller that follows a trajectory"
+    given: dict[str, Any] = {one.name: getattr(form, one.name) for one in fields(ProgramForm)}
+    return WrittenTrajectory(**given | {"moves": moves, "notes": (*form.notes, note)})

@@ -77,14 +77,17 @@ class _StretchedMoves(Moves):
 
     def sample(self, candidates: Candidates, place: Int, time: Float) -> Trajectory:
         factor = self.factor(candidates)[place]
-        return self.at(self._begin[candidates.move[place]] + time * factor, factor[:, None])
-
-    def at(self, time: Float, factor: Float) -> Trajectory:
-        """The motion at times of the trajectory as given, with a factor on its speed."""
-        path = self._motion.sample(time)
+        path = self._motion.sample(self._begin[candidates.move[place]] + time * factor)
+        factor = factor[:, None]
         return Trajectory(
             path.joint_position, path.joint_velocity * factor, path.joint_acceleration * factor**2
         )
+
+    def instants(self, candidates: Candidates, place: int) -> Float:
+        move = candidates.move[place]
+        points, length = self._motion.instants - self._begin[move], self._length[move]
+        own = points[(points > 0.0) & (points < length)]
+        return np.concatenate([[0.0], own, [length]]) / self.factor(candidates)[place]
 
 
 class TrajectoryForm(WrittenTrajectory):
@@ -105,13 +108,12 @@ class TrajectoryForm(WrittenTrajectory):
             at.joint_velocity[:, order], at.joint_acceleration[:, order],
         )  # fmt: skip
         begin, end, needed = _rests(motion, str(path))
-        self._begin, self._end, self._instants = begin, end, motion.instants
-        self._stretched = _StretchedMoves(motion, begin, end, robot.limits.velocity)
-        hardest, count = self._stretched.hardest, len(begin)
+        moves = _StretchedMoves(motion, begin, end, robot.limits.velocity)
+        hardest, count = moves.hardest, len(begin)
         super().__init__(
             robot=robot,
-            moves=self._stretched,
-            base=Candidates(np.arange(count), 1.0 / self._stretched.fastest, np.ones(count)),
+            moves=moves,
+            base=Candidates(np.arange(count), 1.0 / moves.fastest, np.ones(count)),
             needed=needed,
             joint_position=motion.sample(begin).joint_position,
             labels=tuple(f"{b:.2f} s to {e:.2f} s" for b, e in zip(begin, end, strict=True)),
@@ -126,24 +128,6 @@ class TrajectoryForm(WrittenTrajectory):
             ),
             recorded=recorded,
         )
-
-    def _points(self, chosen: Candidates, rest: Float) -> tuple[Float, Trajectory]:
-        factor, inside = self._stretched.factor(chosen), self._instants
-        times: list[Float] = []
-        parts: list[Trajectory] = []
-        clock = 0.0
-        for k, (begin, end) in enumerate(zip(self._begin, self._end, strict=True)):
-            clock += float(rest[k])
-            own = np.concatenate([[begin], inside[(inside > begin) & (inside < end)], [end]])
-            rows = slice(0 if not times or rest[k] > 0 else 1, None)
-            times.append((clock + (own - begin) / factor[k])[rows])
-            parts.append(self._stretched.at(own, factor[k])[rows])
-            clock += (end - begin) / factor[k]
-        time, path = np.concatenate(times), Trajectory.concatenate(parts)
-        if rest[0] > 0:  # the rest before the first move
-            time = np.concatenate([[0.0], time])
-            path = Trajectory.concatenate([path[:1], path])
-        return time, path
 
 
 def _rests(motion: JointTrajectory, name: str) -> tuple[Float, Float, Float]:

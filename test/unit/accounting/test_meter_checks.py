@@ -113,6 +113,19 @@ def test_within_ten_seconds_a_thousandth_or_a_turned_sign_is_named_and_no_less(
     assert [sentence.endswith(asked) for sentence in found] == ([True] if asked else [])
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "asked"),
+    [(100.0, 0.1, ["kW"]), (100.0, 100_000.0, ["mW"]), (0.0, 0.1, ["kW"]), (100.0, 33.0, [])],
+)
+def test_a_unit_that_changes_is_named_before_the_minute_is_over(before, after, asked):
+    """As a meter that is replaced or set up again while the robot runs."""
+    bench = Bench()
+    assert bench.run(60, before) == []
+    assert [sentence.split("unit ")[1] for sentence in bench.run(12, after)] == [
+        f"{unit}?" for unit in asked
+    ]
+
+
 def test_a_short_stretch_of_turned_sign_is_no_finding_where_both_ways_occur():
     bench = Bench()
     bench.run(2, -150.0, predicted=-20.0)

@@ -12,6 +12,7 @@ from fleets import dataset
 from places import ROOT
 from robot_energy.foundation.errors import DatasetError, ParameterError
 from robot_energy.model import load
+from robot_energy.model.figure import PositiveFigure
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
@@ -176,6 +177,22 @@ def test_warm_friction_saves_the_difference_of_the_viscous_coefficients():
     assert longer.half == pytest.approx(np.hypot(claim.half, fan), rel=1e-3)
     evidence.measured_temperature = False
     assert warm_up(evidence, MODEL) is None
+
+
+def test_weaker_magnets_count_once_where_the_model_has_them():
+    """The loss of a joint for each kelvin holds them where its torque constant falls."""
+    loss = np.zeros((6, len(DEGC_BINS) - 1))
+    time = np.zeros_like(loss)
+    cold, warm = (int(np.searchsorted(DEGC_BINS, degc)) for degc in (30.0, 50.0))
+    loss[:2, cold], time[:, [cold, warm]] = [30.0, 10.0], [50.0, 50.0]
+    evidence = RecordedEvidence(
+        squared_speed=0.0 * loss, motion_time=time, measured_temperature=True, warm_loss=loss
+    )
+    fall = PositiveFigure(value=0.001, tag="identified")
+    joints = [MODEL.joints[0].model_copy(update={"torque_constant_fall": fall}), *MODEL.joints[1:]]
+    assert warm_up(evidence, MODEL).energy == pytest.approx(-20.0 * 1.5 * (30.0 + 10.0))
+    found = warm_up(evidence, MODEL.changed(joints=joints))
+    assert found.energy == pytest.approx(-20.0 * (30.0 + 1.5 * 10.0))
 
 
 def test_braked_energy_is_that_of_the_replay():

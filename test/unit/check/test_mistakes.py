@@ -67,6 +67,34 @@ def test_a_mistake_is_named(name, tmp_path):
     assert not loud(check(bag, load("kr16"), effort, inputs))
 
 
+def test_temperatures_of_two_robots_are_named(tmp_path):
+    """Every second message is of a robot that is 40 K colder."""
+    colder = [0.0]
+
+    def change(message):
+        message.temperature_degc = message.temperature_degc + colder[0]
+        colder[0] = -40.0 - colder[0]
+
+    others = {"ros2_energy_msgs/msg/MotorTemperatures": change}
+    bag = rewrite(ROOT / "bags/kr16_warm", tmp_path / "bag", None, None, SECONDS, others)
+    (found,) = [one for one in check(bag, load("kr16")).findings if one.cause == "temperature"]
+    assert "two sensors or robots may share a topic" in found.sentence
+
+
+def test_a_load_that_switches_is_named(tmp_path):
+    """300 W of it, every ten seconds."""
+    begin = []
+
+    def change(message):
+        begin.append(message.header.stamp.sec)
+        message.power += 300.0 * ((message.header.stamp.sec - begin[0]) // 10 % 2)
+
+    bag = rewrite(SOUND, tmp_path / "bag", None, change)
+    (found,) = [one for one in check(bag, load("kr16")).findings if one.cause == "meter_step"]
+    assert abs(found.evidence) == pytest.approx(300.0, rel=0.4)
+    assert "another load" in found.sentence
+
+
 def test_a_remedy_replaces_the_entry_that_is_there(tmp_path):
     """Read with one sign turned already, the line has both."""
     bag = rewrite(SOUND, tmp_path / "bag", turned("effort", [0, JOINT]), None, SECONDS)

@@ -7,9 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import robots
 from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import load
-from robot_energy.pipeline import EnergyPipeline
+from robot_energy.model.schema import CabinetFan
+from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import Learning, Quality
 from robot_energy_rig import VirtualRig, load_profile
 from robot_energy_studies.learning_study import (
@@ -64,6 +66,49 @@ def test_any_cutting_teaches_the_same(learning, with_torque):
     applied = learning is Learning.APPLY
     assert (whole.account.counts.quality[Quality.LEARNED] > 0) is applied
     assert bool(whole.account.counts.learned_energy_sum.joule[0] > 0) is applied
+
+
+def with_open_fan(runs):
+    """200 W that may run at any temperature of a motor; in the constants or in the fan."""
+    model = load("kr16")
+    grid = model.cabinet.loss_grid
+    grid = grid.model_copy(update={"value": grid.value - 200.0 * runs})
+    fan = {
+        "power": robots.figure(200.0),
+        "on_above_degc": robots.figure(120.0),
+        "hysteresis": robots.figure(110.0),
+    }
+    update = {"fan": CabinetFan.model_validate(fan), "loss_grid": grid}
+    return model.changed(cabinet=model.cabinet.model_copy(update=update)), grid.value
+
+
+@pytest.mark.parametrize("runs", [True, False])
+def test_the_meter_shows_whether_a_fan_runs_however_it_is_cut(runs):
+    """Between its stop and its start it has 100 W until the first windows, then 200 W or 0."""
+    model, constant = with_open_fan(runs)
+    output = rig(50.0).step(2500)
+    joints = joint_block(output.joints)
+
+    def fan_powers(cuts, learning=Learning.OBSERVE, meter=True):
+        pipeline, found = EnergyPipeline(model, Settings(learning=learning)), []
+        bounds = [int(joints.stamp_ns[0]) - 1, *joints.stamp_ns[cuts].tolist(), 2**62]
+        for start, stop in pairwise(bounds):
+            part = [
+                block[(block.stamp_ns > start) & (block.stamp_ns <= stop)]
+                for block in (joints, output.temperatures, output.meter)
+            ]
+            part = [block if len(block) else None for block in part]
+            found.append(pipeline.step(*(part if meter else part[:2])).power)
+        found.append(pipeline.flush().power)
+        return np.concatenate([one.loss_grid for one in found if one is not None]) - constant
+
+    whole = fan_powers([])
+    assert whole[:250] == pytest.approx(100.0)
+    assert whole[-1000:] == pytest.approx(200.0 * runs, abs=2.0)
+    for cuts in ([1234], list(range(17, 2500, 33))):
+        np.testing.assert_array_equal(fan_powers(cuts), whole)
+    assert fan_powers([], Learning.OFF) == pytest.approx(100.0)
+    assert fan_powers([], meter=False) == pytest.approx(100.0)
 
 
 def test_observing_changes_no_energy():

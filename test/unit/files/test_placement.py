@@ -15,7 +15,7 @@ from robot_energy.foundation.files.placement import all_or_none
 from robot_energy.model import save
 from robot_energy_cli.identify_inputs import IdentifyInputs
 from robot_energy_cli.terminal import present
-from robot_energy_identify.results.identification import FrictionStudyReport
+from robot_energy_identify.friction.temperature_study import FrictionStudyReport
 from robot_energy_papers.cli.reproduce import BAGS, FIGURES, FRONT, MODEL, REPORT, study_folder
 from robot_energy_report.canvas import canvas
 from robot_energy_report.document import Document

@@ -41,12 +41,14 @@ def test_every_column_says_what_it_holds():
 
 def test_a_row_comes_back_with_its_lists(tmp_path):
     dataset = Dataset(tmp_path / "d")
-    jobs = [{"name": "pick", "grid_import_microjoule": 5_000_000, "grid_return_microjoule": 10**6}]
+    jobs = [{"name": "pick", "predicted_import_microjoule": 5_000_000, "compared_ns": 0,
+             "measured_microjoule": 7}]  # fmt: skip
     whole = [{name: job.get(name) for name in TABLES["jobs"]} for job in jobs]
-    put(dataset, "a-1-x", jobs=whole, grid_import_microjoule=2**60 + 1)
-    assert scan(tmp_path / "d").collect()["grid_import_microjoule"].to_list() == [2**60 + 1]
+    put(dataset, "a-1-x", jobs=whole, predicted_import_microjoule=2**60 + 1)
+    assert scan(tmp_path / "d").collect()["predicted_import_microjoule"].to_list() == [2**60 + 1]
     tables = read_tables(tmp_path / "d")
-    assert tables.jobs["energy"].to_list() == [4.0]
+    assert tables.jobs["grid_energy"].to_list() == [5.0]
+    assert tables.jobs["measured_energy"].to_list() == [None]
     assert tables.runs["grid_energy"].to_list() == [pytest.approx((2**60 + 1) * 1e-6)]
     assert not len(tables.hours)
 
@@ -174,14 +176,14 @@ def test_a_bag_that_cannot_be_read_takes_no_row_away(tmp_path):
     assert not dataset.files()
 
 
-def test_a_dataset_of_0_3_0_can_be_read(tmp_path):
+def test_a_dataset_with_other_columns_is_refused(tmp_path):
     path = put(Dataset(tmp_path / "d"), "a-1-x")
-    pl.read_parquet(path).drop("jobs_left_out").write_parquet(path)
-    assert read_tables(tmp_path / "d").runs["jobs_left_out"].to_list() == [None]
-    dataset = Dataset(tmp_path / "d")
-    put(dataset, "b-1-x", jobs_left_out=2)
-    dataset.pack()
-    assert read_tables(tmp_path / "d").runs["jobs_left_out"].to_list() == [None, 2]
+    for rows in (lambda own: own.drop("gap_ns"), lambda own: own.with_columns(gap=1)):
+        whole = path.read_bytes()
+        rows(pl.read_parquet(path)).write_parquet(path)
+        with pytest.raises(DatasetError, match=r"a-1-x\.parquet cannot be read .*gap"):
+            read_tables(tmp_path / "d")
+        path.write_bytes(whole)
 
 
 def test_one_command_writes_at_a_time(tmp_path):
@@ -232,12 +234,15 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, damage):
 
 
 HOUR = {name: 1 for name in TABLES["hours"]}
+JOINT = dict.fromkeys(TABLES["joints"]) | {"joint": "a"}
 FOREIGN = {
     "'robot'": {"robot": None},
     "'motor_temperature_degc' is not a finite": {"motor_temperature_degc": float("nan")},
     "'start_ns' is beyond": {"start_ns": 2**63 - 1},
     "in 'hours', a row without 'hour_ns'": {"hours": [HOUR | {"hour_ns": None}]},
-    "in 'hours', 'grid_energy' is not a finite": {"hours": [HOUR | {"grid_energy": float("nan")}]},
+    "in 'joints', 'motion_time' is not a finite": {
+        "joints": [JOINT | {"motion_time": float("nan")}]
+    },
     "in 'hours', 'hour_ns' is beyond": {"hours": [HOUR | {"hour_ns": -(2**63)}]},
 }
 

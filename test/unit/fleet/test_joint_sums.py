@@ -54,7 +54,8 @@ def run(
         body = MODEL.payload[0]
         rig.change(payload=[payload(body.link, mass, body.centre_of_mass, body.inertia)])
     pipeline = pipeline_of(MODEL, Learning.OBSERVE, True)
-    sums, hours = JointSums(MODEL), HourSums(MODEL)
+    sums, hours = JointSums(MODEL), HourSums()
+    pipeline.account.on_reading = lambda ns: hours.take(pipeline.account, ns)
     output = rig.step(round(seconds * rate))
     joints = joint_block(output.joints)
     size = len(joints)
@@ -65,10 +66,8 @@ def run(
             part, output.temperatures if begin and sensed else None, output.meter if begin else None
         )
         sums.take(found)
-        hours.take(found)
-    found = pipeline.flush()
-    sums.take(found)
-    hours.take(found)
+    sums.take(pipeline.flush())
+    hours.take(pipeline.account, 0)
     return sums, hours, pipeline
 
 
@@ -173,8 +172,7 @@ def test_sums_do_not_depend_on_how_samples_are_cut():
     cut, cut_hours, _ = run(RigConfig(), cut=37)
     assert np.array_equal(cut.rows, whole.rows)
     np.testing.assert_allclose(cut.grams, whole.grams, rtol=1e-9, atol=1e-9)
-    for hour, sums in hours.hours.items():
-        np.testing.assert_allclose(cut_hours.hours[hour], sums, rtol=1e-9)
+    assert cut_hours.table() == hours.table()
 
 
 def test_a_row_holds_plain_values_that_give_the_sums_back():
@@ -194,10 +192,10 @@ def test_hours_hold_the_energy_of_the_registers():
     _, hours, pipeline = run(RigConfig(), start_ns=HOUR_NS * 500_000 - 30 * 10**9)
     rows = hours.table()
     assert [row["hour_ns"] // HOUR_NS for row in rows] == [499_999, 500_000]
-    assert rows[0]["observed_time"] == pytest.approx(30.0, abs=0.2)
-    drawn = pipeline.account.registers.cabinet("grid_import")
-    assert sum(row["grid_energy"] for row in rows) == pytest.approx(drawn, rel=1e-3)
-    assert all(row["standby_time"] == 0.0 for row in rows)
+    assert rows[0]["observed_ns"] == pytest.approx(30e9, abs=0.2e9)
+    drawn = pipeline.account.registers.microjoule[0]
+    assert sum(row["predicted_import_microjoule"] for row in rows) == drawn
+    assert all(row["standby_ns"] == 0 for row in rows)
 
 
 def test_rest_of_a_minute_is_standby_from_its_beginning():
@@ -205,8 +203,9 @@ def test_rest_of_a_minute_is_standby_from_its_beginning():
     still = Program(np.zeros((1, 6)) + np.array([0, -1.5, 1.5, 0, 0.5, 0]), limits, 1.0)
     _, short, _ = run(RigConfig(), seconds=50.0, program=still, rate=20.0)
     _, long, _ = run(RigConfig(), seconds=90.0, program=still, rate=20.0)
-    assert sum(row["standby_time"] for row in short.table()) == 0.0
-    assert sum(row["standby_time"] for row in long.table()) == pytest.approx(90.0, abs=1.0)
+    assert sum(row["standby_ns"] for row in short.table()) == 0
+    assert sum(row["standby_ns"] for row in long.table()) == pytest.approx(90e9, abs=1e9)
+    for row in (*long.table(), *short.table()):
+        assert row["motion_ns"] == 0
     for row in long.table():
-        assert row["standby_energy"] == pytest.approx(row["grid_energy"])
-        assert row["motion_time"] == 0.0
+        assert row["standby_microjoule"] == row["predicted_import_microjoule"]

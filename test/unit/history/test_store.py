@@ -247,6 +247,14 @@ def test_a_full_disk_leaves_all_waiting_and_bounded(store, monkeypatch):
     assert total(store.folder) == robot.values[IMPORT]
 
 
+def test_what_ends_the_making_of_the_tables_is_said(tmp_path, monkeypatch):
+    """A full disk ends the transaction by itself: that it cannot be rolled back is no cause."""
+    monkeypatch.setattr(database, "TABLES", "COMMIT;SELECT full")
+    store = HistoryStore(tmp_path / "h")
+    assert not store.write(0)
+    assert "no such column: full" in store.trouble
+
+
 def test_readings_that_come_while_the_disk_is_at_work_are_written_after_it(store, monkeypatch):
     """They come in the middle of the first transaction, from another thread."""
     robot = Robot()

@@ -13,7 +13,7 @@ from robot_energy.model import load
 from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify.bounds import identified, is_at_bound
 from robot_energy_identify.cabinet.cabinet import CabinetFit, with_cabinet
-from robot_energy_identify.drives.all_drives import TotalFound
+from robot_energy_identify.drives.all_drives import TotalPower
 from robot_energy_identify.drives.losses import fit_losses
 from robot_energy_identify.drives.total_power import _entry, fit_structure, with_total
 from robot_energy_identify.drives.total_sums import Sums
@@ -21,7 +21,6 @@ from robot_energy_identify.dynamics.torque_model import Estimate
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.laws import fit_law
 from robot_energy_identify.friction.samples import FrictionData
-from robot_energy_identify.results.identification import total_power
 from robot_energy_report.document import Document
 from robot_energy_report.identification import losses_section
 from robot_energy_report.identify_all import changes_document
@@ -59,14 +58,14 @@ def total():
         unknown,
         np.zeros(300, dtype=np.int64),
         np.arange(300) // 10,
-        np.ones((3, 2)),
+        (np.ones(2),) * 3,
         np.zeros((300, 2)),
     )
 
 
 def test_losses_behind_one_meter_say_it_by_name(total):
     fit = fit_structure(total, "axis_copper")
-    notes = total_power(TotalFound(total, fit, "blocks", {})).notes
+    notes = TotalPower.of(total, fit, "blocks", {}).notes
     assert any("at the bound 0" in note and "copper of two" in note for note in notes)
     entries = [_entry(fit, joint, "bag") for joint in range(2)]
     assert (entries[1].copper.value, entries[1].copper.std) == (0.0, None)

@@ -12,7 +12,7 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify import plausibility
 from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.data.observations import Channels
 from robot_energy_identify.drives.drives import fit_drives
 from robot_energy_identify.drives.total_sums import Sums
 from robot_energy_identify.dynamics.dynamics import identify_dynamics
@@ -183,7 +183,7 @@ def test_a_meter_that_is_predicted_no_better_than_by_zero_is_refused():
     numbers = np.zeros(100, dtype=np.int64)
     pieces = Sums(("axle",), MeterLocation.GRID, np.ones(100), np.full(100, 50.0), unknown,
                   np.zeros((100, 3, 1)), unknown, unknown, numbers, numbers,
-                  np.ones((3, 1)), np.zeros((100, 1)))  # fmt: skip
+                  (np.ones(1),) * 3, np.zeros((100, 1)))  # fmt: skip
     check_total(pieces, {"identified": EnergyScore(49.0, 0.1, 0.1)})
     with pytest.raises(ImplausibleIdentificationError, match="sign, the unit and the clock"):
         check_total(pieces, {"identified": EnergyScore(51.0, 0.1, 0.1)})

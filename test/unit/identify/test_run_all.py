@@ -26,8 +26,10 @@ from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.supply import fit_supply
 from robot_energy_identify.data.bags import Bag, Kept, facts, folds_of, read_all
 from robot_energy_identify.data.recordings import Recording
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
+from robot_energy_identify.drives.drive_data import drive_data
 from robot_energy_identify.drives.drive_power import MeasuredDrivePower, drive_topics
+from robot_energy_identify.dynamics.dynamics import DynamicsReport
 from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.identification import identification_report
 from robot_energy_identify.run_all import (
@@ -38,7 +40,7 @@ from robot_energy_identify.run_all import (
     with_provenance,
 )
 from robot_energy_identify.stats.held_out_energy import GIVEN, held_out_energy
-from robot_energy_identify.steps import DynamicsFound, Subject
+from robot_energy_identify.steps import Subject
 from robot_energy_report.document import Document
 from robot_energy_report.identify_all import identification_overview
 from robot_energy_report.printing import print_document
@@ -68,6 +70,10 @@ class Altered(Bag):
             case "elbow temperature":
                 gone = power.motor_temperature_degc.copy()
                 gone[:, 1] = np.nan
+                power = replace(power, motor_temperature_degc=gone)
+            case "early temperature":
+                gone = power.motor_temperature_degc.copy()
+                gone[: len(gone) // 2] = np.nan
                 power = replace(power, motor_temperature_degc=gone)
             case "meter":
                 meter = None
@@ -250,8 +256,29 @@ def test_a_recording_without_the_temperature_of_one_axis_is_named(
     bags = [*bags_in(folder)[:2], bags_in(folder, "elbow temperature")[2]]
     result = identify_everything(bags, whole.step("dynamics").model, others)
     (note,) = identification_report(result, result.model, (), (), None).notes
-    assert note.startswith("at_55: no motor temperature of elbow, whose friction is found without")
+    assert note.startswith("at_55: no motor temperature of elbow in 100 % of its samples")
     assert not identification_report(whole, whole.model, (), (), None).notes
+
+
+def test_samples_without_the_temperatures_of_others_count_neither_for_friction_nor_drives(
+    folder: Path, model: RobotModel, whole: FullIdentification
+) -> None:
+    """Their friction is that of the fallback temperature, which a meter would count as losses."""
+    bags = [*bags_in(folder)[:2], bags_in(folder, "early temperature")[2]]
+    sound, late = (
+        drive_data(read_all(some, model), [None] * 3, measured_torque=False).motor_torque
+        for some in (bags_in(folder), bags)
+    )
+    begin = len(late) - len(read_all(bags[2:], model)[0])
+    half = (begin + len(late)) // 2
+    assert np.isnan(late[begin:half]).all()
+    assert np.isfinite(sound[begin:half]).any()
+    assert np.array_equal(np.delete(late, slice(begin, half), 0),
+                          np.delete(sound, slice(begin, half), 0), equal_nan=True)  # fmt: skip
+    others = ("dynamics", "cabinet", "drives", "capacitor")
+    result = identify_everything(bags, whole.step("dynamics").model, others)
+    notes = identification_report(result, result.model, (), (), None).notes
+    assert "at_55: no motor temperature of shoulder, elbow in 50 % of its samples" in notes[0]
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentification) -> None:
@@ -273,11 +300,18 @@ def test_bodies_are_said_at_one_temperature(
     others = ("friction", "cabinet", "drives", "capacitor")
     blind = identify_everything(bags_in(folder, "temperature"), model, others).steps[0].found
     known = whole.step("dynamics").found
-    assert isinstance(blind, DynamicsFound)
-    assert isinstance(known, DynamicsFound)
-    assert known.consistent.total < 0.97 * blind.consistent.total
-    assert known.given.total < 0.97 * blind.given.total
+    assert isinstance(blind, DynamicsReport)
+    assert isinstance(known, DynamicsReport)
+    for test in ("held_out_model_file", "held_out_given_bodies"):
+        assert known.torque_error[test].total < 0.97 * blind.torque_error[test].total
     assert "was removed first" in whole.step("dynamics").notes[0]
+
+
+def test_dynamics_of_a_fold_keep_no_rows(folder: Path, model: RobotModel) -> None:
+    found = steps.dynamics_step(bags_in(folder), model, "bags", in_fold=True).found
+    assert isinstance(found, DynamicsReport)
+    assert len(found.result.observations.segment) == 0
+    assert list(found.torque_error) == ["held_out_model_file", "held_out_given_bodies"]
 
 
 def test_drives_come_first_where_their_power_is_measured(folder: Path) -> None:
@@ -298,7 +332,7 @@ def test_the_cabinet_is_the_meter_less_measured_drives(tmp_path: Path) -> None:
     power = drive_topics("/drive_power").read(path, kr16.joint_names)
     bags = [Bag(path, TORQUE, None, power)]
     result = identify_everything(bags, kr16, ("dynamics", "friction", "capacitor"))
-    assert isinstance(result.step("drives").found, DrivesFound)
+    assert isinstance(result.step("drives").found, DrivesReport)
     assert result.model.cabinet.loss_dc.value == pytest.approx(90.0, abs=0.5)
     assert result.model.cabinet.loss_dc.tag == "identified"
 

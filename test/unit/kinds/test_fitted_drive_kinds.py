@@ -12,11 +12,10 @@ from robot_energy.foundation.errors import (
 )
 from robot_energy.model import validate
 from robot_energy.model.drive_models import DRIVE_MODELS
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.drives.drive_data import drive_data_of_logs
 from robot_energy_identify.drives.drives import AxisFit, DrivesFit, fit_drives, with_drives
 from robot_energy_identify.drives.losses import TERMS, Losses
-from robot_energy_identify.results.identification import drives_report
 from robot_energy_logs.recording import LogBlock, RecordingContents
 from robot_energy_report.document import Document
 from robot_energy_report.drives import drives_document
@@ -32,7 +31,9 @@ def test_identification_says_that_the_kind_has_no_fit(toys):
     terms = dict.fromkeys(TERMS, 1.0)
     losses = Losses(terms, dict.fromkeys(TERMS, 0.1), (), (), 100, 1.0, {})
     fit = DrivesFit((AxisFit("axle", losses, None, ()),), (), "loss_model", 1.0)
-    model, notes = DrivesFound(fit, None).write(validate(wheel(), "toy.yaml"), "test")
+    model, notes = DrivesReport("", fit, None, None, ()).write(
+        validate(wheel(), "toy.yaml"), "test"
+    )
     assert model.drive == "loss_model"
     assert DRIVE_MODELS[TOY].of(model.joints[0]) is not None
     assert len(notes) == 1
@@ -67,7 +68,7 @@ def test_a_fit_of_a_user_is_compared_on_held_out_data_and_chosen(toys):
     assert model.drive == SQUARE_ROOT
     assert DRIVE_MODELS[SQUARE_ROOT].of(model.joints[0]).loss.value == pytest.approx(3.0, rel=0.02)
     page, console = Document(), Console(width=200, file=io.StringIO())
-    drives_document(drives_report(DrivesFound(fit, None), "log"), page)
+    drives_document(DrivesReport("log", fit, None, None, ()), page)
     print_document(page, console)
     shown = console.file.getvalue()
     assert shown.count(DRIVE_MODELS[SQUARE_ROOT].label) >= 3  # energy, power, what was chosen

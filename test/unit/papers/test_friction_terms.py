@@ -15,7 +15,7 @@ def halves(data):
     """Samples for the fit and for the test, of the same temperatures."""
     data = moving_samples(data)
     other = np.arange(len(data)) // 50 % 2 == 1
-    return data.rows(~other), data.rows(other)
+    return data[~other], data[other]
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_terms_that_samples_cannot_show_are_no_numbers():
     found = held_out_terms(data, contiguous_folds(len(data)))
     assert np.isnan(found.rms["+ load"])
     assert np.isfinite(found.rms["+ exponent"])
-    few = data.rows(np.arange(len(data)) < 150)
+    few = data[np.arange(len(data)) < 150]
     found = held_out_terms(few, contiguous_folds(len(few)))
     assert found.shown == "refused"
     assert np.isnan(found.rms[SHOWN])

@@ -163,6 +163,37 @@ def test_up_to_the_begin_of_a_recording_without_it_a_fan_does_not_run_at_first()
     assert "begins_off" in fan.model_dump_json()
 
 
+def test_the_warmest_motor_is_that_of_the_highest_reading_less_what_its_thermometer_is_off():
+    """Readings of 45.5 and 46 degC are 44 and 46.5 degC; temperatures that are assumed stay."""
+    cabinet = cabinet_with_fan()
+    fan = cabinet.fan.model_copy(update={"thermometers": (1.5, -0.5)})
+    known = cabinet.model_copy(update={"fan": fan})
+    for degc, by_readings, assumed in (
+        ([39.0, 39.0], 0.0, 0.0),
+        ([45.5, 44.0], 15.0, 30.0),  # 44 and 44.5 degC
+        ([45.5, np.nan], 15.0, 30.0),
+        ([44.0, 45.0], 30.0, 15.0),  # 42.5 and 45.5 degC
+    ):
+        row = np.array([degc])
+        assert FanStage(known).step(row) == pytest.approx(by_readings)
+        assert FanStage(known, assumed=True).step(row) == pytest.approx(assumed)
+    assert "thermometers" not in cabinet.fan.model_dump_json()
+
+
+def test_what_a_meter_shows_counts_where_the_temperature_leaves_it_open():
+    """At 42 degC 5/12 run without the begins of recordings: with odds of 3 it is 15/22."""
+    cabinet = cabinet_with_fan(std=3.0 / np.sqrt(3.0))
+    begins = Figure(value=42.0, tag="identified")
+    fan = cabinet.fan.model_copy(update={"begins_off_to_degc": begins})
+    stage = FanStage(cabinet.model_copy(update={"fan": fan}))
+    stage.odds = 3.0
+    np.testing.assert_allclose(stage.step(np.array([[42.0]])), [30.0 * 15.0 / 22.0])
+    np.testing.assert_allclose(stage.powers, [[30.0 * 15.0 / 22.0]] * 2)
+    np.testing.assert_allclose(stage.step(np.array([[50.0], [30.0]])), [30.0, 0.0])
+    stage.odds = 1.0
+    np.testing.assert_allclose(stage.step(np.array([[50.0], [42.0]])), [30.0, 25.0])
+
+
 def test_above_its_start_a_fan_runs_even_if_its_hysteresis_is_smaller_than_the_deviation_of_that():
     """It stops uniformly from 44 - 3.5 to 44 + 3.5 degC, which 45.1 degC does not exclude."""
     stage = FanStage(cabinet_with_fan({**figure(1.0), "std": 2.0}))

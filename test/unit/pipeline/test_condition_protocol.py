@@ -13,7 +13,7 @@ class Doubled:
 
     def __init__(self, middle_ns):
         self.middle_ns, self.called, self.taken = middle_ns, [], []
-        self.in_use = False
+        self.in_use, self.fan_odds = False, 1.0
 
     def measure(self, block):
         self.called.append("measure")

@@ -95,3 +95,18 @@ def test_rows_ahead_of_all_torques_are_bounded():
         stamp = 10**6 * S + (part * len(many) + np.arange(len(many))) * S // 10
         made.add(replace(many, stamp_ns=stamp))
     assert made.rows == MAX_ROWS + 1
+
+
+def refused(*degc: float) -> str:
+    """What a stage says of values that came one second after another."""
+    stage = FrictionStage(robots.two_link())
+    stamps = S * np.arange(1, len(degc) + 1)
+    stage.step(TemperatureBlock(stamps, np.repeat(np.array(degc)[:, None], 2, axis=1)))
+    return stage.refused
+
+
+def test_thermometers_of_two_robots_on_one_topic_are_named():
+    said = refused(*[60.0, 20.0] * 10)
+    assert said.startswith("of 40 values of motor temperatures 20 jumped and 0 were outside")
+    assert "40 values of motor temperatures 0 jumped and 20" in refused(*[60.0, 5000.0] * 10)
+    assert refused(*[60.0] * 12, 20.0, *[60.0] * 7) == ""

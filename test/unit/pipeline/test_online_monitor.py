@@ -12,7 +12,7 @@ import robot_energy as re
 from robot_energy.bag import BagReader
 from robot_energy.bag.cdr.decode import Decoder, RawBatch, stamp_ns
 from robot_energy.foundation.units import MINUTE_NS
-from robot_energy_fleet.bag_row import BagMinutes
+from robot_energy_fleet.bag_row import reading_of
 from robot_energy_history.check import check
 from robot_energy_history.database import open_reader
 from robot_energy_history.readings import COLUMNS, JOINT_COLUMNS
@@ -47,12 +47,12 @@ def recorded():
     )
 
 
-def run(recorded, sizes, minutes=None):
+def run(recorded, sizes, read=None):
     """Push all that was recorded up to each moment, in pieces of the sizes given."""
     joints, temperatures, meter = recorded
     monitor = re.OnlineMonitor("kr16", effort="motor_torque")
-    if minutes is not None:
-        monitor.account.on_reading = partial(minutes.take, monitor.account)
+    if read is not None:
+        monitor.account.on_reading = partial(read, monitor.account)
     tables, start, turn, done = [], 0, 0, [0, 0]
     while start < len(joints[0]):
         end = min(start + sizes[turn % len(sizes)], len(joints[0]))
@@ -108,13 +108,17 @@ def test_live_and_fleet_run_give_equal_slots_and_live_goes_before(recorded, tmp_
     """What a monitor records live, and a replay of the bag of the same work, a minute later."""
     later = int(recorded[0][0][-1]) + MINUTE_NS
     monkeypatch.setattr("robot_energy_fleet.fleet_run.time.time_ns", lambda: later)  # keeps minutes
-    minutes = BagMinutes(re.load_model("kr16"))
-    monitor, _ = run(recorded, (1, 7, 40, 3, 250), minutes)
-    minutes.take(monitor.account, 0)
+    model, readings = re.load_model("kr16"), []
+
+    def read(account, minute_ns):
+        readings.append(reading_of(account, model, minute_ns))
+
+    monitor, _ = run(recorded, (1, 7, 40, 3, 250), read)
+    read(monitor.account, 0)
     store = HistoryStore(tmp_path / "live")
     store.open()
-    store.add("bags", minutes.readings())
-    assert store.write(minutes.readings()[-1].stamp_ns, newest=True)
+    store.add("bags", readings)
+    assert store.write(readings[-1].stamp_ns, newest=True)
     store.close()
     fleet = {"workers": 0, "effort": "motor_torque", "name": "bags"}
     re.fleet_run(BAG, tmp_path / "d", "kr16", history=tmp_path / "bag", **fleet)

@@ -15,8 +15,7 @@ from places import LIBRARY, ROOT
 from robot_energy_cli.main import main
 from robot_energy_papers.wall import Wall
 from robot_energy_report.document import Document
-from robot_energy_report.layout import fitted_table
-from robot_energy_report.printing import print_document
+from robot_energy_report.printing import fitted_table, print_document
 from terminal_tables import WIDTHS, lost, recorded_tables
 
 BAG = str(ROOT / "bags/kr16_cold")
@@ -95,7 +94,7 @@ def test_pairs_wrap_between_words() -> None:
     assert stream.getvalue().split().count("two") == 10
 
 
-def test_only_the_layout_makes_tables_for_a_terminal() -> None:
+def test_only_printing_makes_tables_for_a_terminal() -> None:
     """One that rich lays out by itself is cropped, or folded within figures."""
     packages = (*LIBRARY, ROOT / "ros2_energy_monitor/ros2_energy_monitor")
     files = [path for package in packages for path in package.rglob("*.py")]
@@ -106,4 +105,4 @@ def test_only_the_layout_makes_tables_for_a_terminal() -> None:
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.ImportFrom) and node.module == "rich.table"
     }
-    assert found == {"layout.py"}
+    assert found == {"printing.py"}

@@ -16,7 +16,9 @@ def without_meter(new: float, shaft: float = 10.0) -> parts.HeldOutEnergy:
         stage: parts.HeldOutPrediction((), 0.0, nan, 9.0, error, NONE)
         for stage, error in (("given", 0.3), ("friction", new))
     }
-    entry = parts.Tested("bag", 0.0, nan, shaft, predictions, 0, None, NONE[:, 0], NONE, (), 0.0)
+    entry = parts.Tested(
+        "bag", 0.0, nan, shaft, shaft, predictions, 0, None, NONE[:, 0], NONE, (), 0.0
+    )
     return parts.HeldOutEnergy("test", ("given", "friction"), (entry,))
 
 
@@ -51,7 +53,7 @@ def at_a_meter(**joints: parts.OutsideFit | None) -> parts.HeldOutEnergy:
             for stage, energy in (("given", 950.0), ("friction", new))
         }
         beyond = 20.0 if outside else 0.0
-        row = (name, 10.0, 1000.0, 10.0, predictions, 0, None, NONE[:, 0], NONE, (), beyond)
+        row = (name, 10.0, 1000.0, 10.0, 10.0, predictions, 0, None, NONE[:, 0], NONE, (), beyond)
         tested.append(parts.Tested(*row, outside))
     return parts.HeldOutEnergy("recordings", ("given", "friction"), tuple(tested))
 

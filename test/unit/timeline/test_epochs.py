@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_energy.foundation.units import SECOND_NS
-from robot_energy.timeline.stamps import Reach, slow_reach
+from robot_energy.timeline.stamps import Reach, sentence_of, slow_reach
 from robot_energy.timeline.streams import EpochSplitter
 
 S = SECOND_NS
@@ -122,3 +122,14 @@ def test_outliers_that_stand_alone_cost_themselves_only(seed, reach):
     assert strays == stamps[away].tolist()
     assert taken == np.delete(stamps, away).tolist()
     assert not begins
+
+
+def test_a_stray_of_before_a_jump_back_is_of_long_ago():
+    stamps = ticks(100_000)
+    stamps[50] += 7200 * S
+    before, after = EpochSplitter(), EpochSplitter()
+    sort(before, stamps)
+    sort(after, stamps + ticks(90_000, 2000))
+    assert "7200.0 s ahead" in sentence_of(before, "readings", within=10.0)
+    assert "7200.0 s ahead" in sentence_of(after, "readings")
+    assert not sentence_of(after, "readings", within=10.0)

@@ -268,8 +268,8 @@ class JointStateIngest:
         found = [*self._plausibility.findings(), *self.stream_findings()]
         if within is None or self.newest_ns is None:
             return found
-        oldest = self.newest_ns - within / NANOSECOND
-        return [finding for finding in found if finding.last_ns >= oldest]
+        newest, span = self.newest_ns, within / NANOSECOND  # before a jump back stamps were later
+        return [finding for finding in found if abs(newest - finding.last_ns) <= span]
 
     def stream_findings(self) -> list[JointStateProblem]:
         """Return what is wrong with stamps and publishers, one sentence each, with its time."""

@@ -10,6 +10,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.timeline.blocks import MeterLocation, MeterMeaning
 from robot_energy_identify.cabinet.cabinet import Level, fit_cabinet, with_cabinet
+from robot_energy_identify.cabinet.phase_readings import holding
 from robot_energy_identify.data.recordings import Recording, read_recording
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, Sensors, VirtualRig, load_profile
@@ -57,6 +58,27 @@ def test_both_losses_are_found_whatever_the_meter_reports(tmp_path, meaning):
     assert fit.loss_dc == pytest.approx(fit.hold.power - fit.loss_grid)
     assert fit.hold.events > 5
     assert fit.generating.events > 5
+
+
+def test_readings_while_the_joint_states_stop_are_not_at_rest(tmp_path):
+    """They stop in one rest and go on in another; the robot moves meanwhile."""
+    whole = recording(tmp_path / "bag", 2.0)
+    edges = np.flatnonzero(np.diff(holding(whole).astype(int), prepend=0, append=0))
+    middles = edges.reshape(-1, 2).mean(axis=1).astype(int)
+    stop, resume = middles[2], middles[-3]
+    rows = np.delete(np.arange(len(whole)), slice(stop, resume))
+    later = rows >= resume
+    torque, power = (
+        replace(block[rows], segment=block.segment[rows] + later)
+        for block in (whole.torque, whole.power)
+    )
+    gap = replace(whole, torque=torque, power=power)
+    stamp, begin, end = whole.meter.stamp_ns, *whole.power.stamp_ns[[stop, resume]]
+    silent = whole.meter[(stamp <= begin) | (stamp >= end)]
+    fit, known = (fit_cabinet([part]) for part in (gap, replace(gap, meter=silent)))
+    assert fit.hold.readings == known.hold.readings > 20
+    assert fit.hold.power == pytest.approx(known.hold.power)
+    assert fit.loss_grid == pytest.approx(known.loss_grid)
 
 
 def test_without_rest_only_the_grid_side_is_said(tmp_path):

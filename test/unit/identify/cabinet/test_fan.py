@@ -1,22 +1,29 @@
 """A fan by its step in the power at rest."""
 
+import io
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.model.schema import CabinetFan
+from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify import run_all
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet import fan as fan_module
-from robot_energy_identify.cabinet.fan import Rests, fan_of, runs_at_begin, with_begin
-from robot_energy_identify.drives.all_drives import DrivesFound
+from robot_energy_identify.cabinet.cabinet import CabinetFit
+from robot_energy_identify.cabinet.fan import FanFit, Rests, fan_of, runs_at_begin, with_begin
+from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
+from robot_energy_report.document import Document
+from robot_energy_report.identification import losses_section
+from robot_energy_report.printing import print_document
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_rig.record import record
 
@@ -112,7 +119,7 @@ def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_op
         return SimpleNamespace(model=model, power=warmest, rests=rests)
 
     monkeypatch.setattr(fan_module, "_usable", lambda part: True)
-    monkeypatch.setattr(fan_module, "_rests", lambda part: part.rests)
+    monkeypatch.setattr(fan_module, "_rests", lambda part, _: part.rests)
     recordings = [part(30.0, 0.0), part(38.0, 0.0), part(40.0, 1.0), part(41.0, 30.0)]
     found = with_begin(FAN, recordings, "bags")
     assert (found.begins_off_to_degc.value, found.begins_off_to_degc.source) == (40.0, "bags")
@@ -121,6 +128,9 @@ def test_the_warmest_begin_without_a_fan_is_written_where_the_model_leaves_it_op
     cooled = part(38.5, 30.0)  # from where it ran
     assert with_begin(FAN, [*recordings, cooled], "bags").begins_off_to_degc.value == 38.0
     assert with_begin(FAN, [recordings[2], cooled], "bags") == FAN
+    warming = part(38.0, 0.0)  # to 44 degC, but from 42.6 degC on it may have started
+    warming.rests = replace(warming.rests, warmest_degc=np.linspace(38.0, 44.0, 21)[:20])
+    assert with_begin(FAN, [warming], "bags").begins_off_to_degc.value == pytest.approx(42.5)
 
 
 @pytest.mark.parametrize(
@@ -188,7 +198,9 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
     def reason(rms, energy, *at_rest):
         test = [(EnergyScore(rms, energy, energy), old)] if rms else []
         total = SimpleNamespace(fan_test=[*test, *at_rest])
-        return fan_refused(Step("drives", DrivesFound(None, total), "", load("kr16")))
+        return fan_refused(
+            Step("drives", DrivesReport("", None, None, total, ()), "", load("kr16"))
+        )
 
     assert reason(15.0, 0.02) == ""
     assert "without 3.0 % and 20 W" in reason(19.9, 0.02)
@@ -203,13 +215,21 @@ def test_a_fan_is_taken_where_held_out_readings_are_predicted_better_with_it():
 
 
 def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkeypatch):
-    """Drives fit its power to all readings; from turn to turn it would leave the step."""
-    model, powers = load("ur10e"), []
+    """Drives fit its power to all readings; from turn to turn it would leave the step.
+
+    Which readings show the drives is seen with this fan and the constants of the turn before.
+    """
+    model, powers, constants = load("ur10e"), [], []
 
     def with_power(watts):
         power = FAN.power.model_copy(update={"value": watts})
-        fan = FAN.model_copy(update={"power": power})
-        return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
+        update = {"fan": FAN.model_copy(update={"power": power}), "loss_dc": power}
+        return model.changed(cabinet=model.cabinet.model_copy(update=update))
+
+    def drives_step(bags, model, source, seen):
+        powers.append(seen.cabinet.fan.power.value)
+        constants.append(seen.cabinet.loss_dc.value)
+        return Step("drives", DrivesReport("", None, None, None, ()), "", with_power(20.0))
 
     def cabinet_step(model, fit, source):
         powers.append(model.cabinet.fan.power.value)
@@ -218,11 +238,11 @@ def test_every_turn_of_cabinet_and_drives_begins_with_the_fan_of_its_step(monkey
     monkeypatch.setattr(run_all, "read_all", lambda bags, model: [])
     monkeypatch.setattr(run_all, "fit_cabinet", lambda recordings: None)
     monkeypatch.setattr(run_all, "cabinet_step", cabinet_step)
-    again = Step("drives", DrivesFound(None, None), "", with_power(20.0))
-    monkeypatch.setattr(run_all, "drives_step", lambda bags, model, source: again)
+    monkeypatch.setattr(run_all, "drives_step", drives_step)
     cabinet = Step("cabinet", None, "", with_power(15.0))
     run_all.in_turns(cabinet, Step("drives", None, "", with_power(18.0)), [], model, "bags")
     assert set(powers) == {15.0}
+    assert constants[:2] == [18.0, 20.0]
 
 
 def rig(*without, start=20.0, on=23.0, capacity=1.0):
@@ -252,6 +272,7 @@ def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
     assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
     assert fan.on_above_degc.value == pytest.approx(23.0, abs=2.0 * fan.on_above_degc.std)
     assert found.found.losses.fan.power == fan.power.value
+    assert fan.thermometers is None  # one begin shows no thermometer
     others = ("dynamics", "friction", "drives", "capacitor", "thermal")
     untested = identify_all(bag, model, skip=others, held_out=False)
     assert untested.model.cabinet.fan is None
@@ -279,3 +300,15 @@ def test_a_fan_that_starts_in_no_recording_is_found_by_their_levels(tmp_path):
     assert fan.power.source.startswith("levels of recordings")
     assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
     assert fan.on_above_degc.value == pytest.approx(38.0, abs=fan.on_above_degc.std)
+    off = rig(**light)._thermometer._offset
+    np.testing.assert_allclose(fan.thermometers, off - off.mean(), atol=0.6)
+
+
+@pytest.mark.parametrize(("thermometers", "says"), [(None, True), ((1.0, -1.0), False)])
+def test_the_report_says_how_to_show_which_motor_is_the_warmest(thermometers, says):
+    fan = FanFit(30.0, 1.0, 44.0, 1.6, 1, 60, thermometers)
+    fit = CabinetFit(MeterLocation.GRID, None, None, 250.0, 1.0, 150.0, 2.0, (), fan=fan)
+    page, shown = Document(), io.StringIO()
+    losses_section(fit, page)
+    print_document(page, Console(file=shown, width=400))
+    assert ("begin two recordings after hours at rest" in shown.getvalue()) is says

@@ -87,9 +87,10 @@ def no_step(recordings):
 @pytest.mark.parametrize("some", [SHORT, CLEAR, LONG])
 def test_levels_of_three_recordings_make_a_fan_likely_and_not_sure(monkeypatch, some):
     """A step and a slope leave no recording to test them, however many deviations it has."""
-    monkeypatch.setattr(fan, "levels_of", lambda recordings: some)
+    monkeypatch.setattr(fan, "levels_of", lambda recordings, _: some)
     monkeypatch.setattr(fan, "_usable", lambda part: part is not None)
     monkeypatch.setattr(fan, "find_fan", no_step)
+    monkeypatch.setattr(fan, "thermometers_of", lambda recordings: None)
     model = load("ur10e")
     same, found = fan.with_fan(model, [SHORT], "bags")
     assert same is model
@@ -102,16 +103,17 @@ def test_levels_of_three_recordings_make_a_fan_likely_and_not_sure(monkeypatch, 
 
 
 def test_levels_of_four_recordings_show_a_fan(monkeypatch):
-    monkeypatch.setattr(fan, "levels_of", lambda recordings: MORE)
+    monkeypatch.setattr(fan, "levels_of", lambda recordings, _: MORE)
     monkeypatch.setattr(fan, "_usable", lambda part: True)
     monkeypatch.setattr(fan, "find_fan", no_step)
+    monkeypatch.setattr(fan, "thermometers_of", lambda recordings: None)
     recording = SimpleNamespace(sensors=DEFAULT_LIMITS)
     _, found = fan.with_fan(load("ur10e"), [recording], "bags")
     assert found.fan.power == pytest.approx(50.0)
 
 
 def test_levels_are_not_looked_at_where_the_model_has_a_fan(monkeypatch):
-    monkeypatch.setattr(fan, "levels_of", lambda recordings: SHORT)
+    monkeypatch.setattr(fan, "levels_of", lambda recordings, _: SHORT)
     monkeypatch.setattr(fan, "_usable", lambda part: part is not None)
     monkeypatch.setattr(fan, "find_fan", no_step)
     figures = {"power": figure(20.0), "on_above_degc": figure(45.0)}

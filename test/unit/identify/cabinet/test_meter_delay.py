@@ -79,7 +79,7 @@ def test_a_known_delay_is_found_and_undone(recording, own_delay, delay):
 def test_what_a_late_meter_says_of_the_drives_is_that_of_one_in_time(recording, in_time):
     late = recording.with_meter_earlier(-0.137)
     total = total_of(late)
-    assert total.delay.applied == estimate_meter_delay(data_of(late)).applied
+    assert total.meter_delay.applied == estimate_meter_delay(data_of(late)).applied
     assert total.fit.constant == pytest.approx(in_time.fit.constant, rel=0.02)
 
 
@@ -134,7 +134,7 @@ def test_a_low_pass_is_found_and_undone(in_time, filtered, sharpened):
     assert found.applied == pytest.approx(0.25, rel=0.25)  # the model is not the plant
     back = filtered.with_meter_earlier(0.0, found.applied)
     assert estimate_time_constant(data_of(back)).applied == 0.0
-    assert sharpened.low_pass.applied == found.applied
+    assert sharpened.meter_time_constant.applied == found.applied
     assert sharpened.fit.constant == pytest.approx(in_time.fit.constant, rel=0.12)
     blurred = fit_total(sums(data_of(filtered), filtered.model))
     assert sharpened.fit.losses.rms < 0.5 * blurred.losses.rms

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robot_energy.foundation.errors import NotIdentifiableError, ShapeError
-from robot_energy_identify.data.signals import Channels, inside, later, standing, stretches
+from robot_energy_identify.data.observations import Channels, inside, later, standing, stretches
 from robot_energy_plan.motion.sampled_motion import low_pass, motion_from_position
 
 RATE = 500.0

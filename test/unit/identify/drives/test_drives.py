@@ -20,8 +20,13 @@ from robot_energy_identify.drives.drive_data import drive_data_of_logs
 from robot_energy_identify.drives.drive_power import drive_topics
 from robot_energy_identify.drives.drives import AxisSamples, fit_drives, with_drives
 from robot_energy_identify.drives.efficiency_map import fitted_efficiency
-from robot_energy_identify.drives.loss_map import KNOTS, fit_loss_map
-from robot_energy_identify.drives.losses import MIN_SHARE, fit_losses, loss_columns
+from robot_energy_identify.drives.losses import (
+    KNOTS,
+    MIN_SHARE,
+    fit_loss_map,
+    fit_losses,
+    loss_columns,
+)
 from robot_energy_identify.drives.total_power import compare_total, fit_total, with_total
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.stats.regression import independent

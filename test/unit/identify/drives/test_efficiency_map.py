@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.physics.drives_and_cabinet import EfficiencyMaps
+from robot_energy_identify.drives.drive_data import DriveData
 from robot_energy_identify.drives.efficiency_map import (
     MIN_EFFICIENCY,
     processed,
@@ -32,8 +33,11 @@ def drive(seconds=60.0):
 def make(torque, velocity, power, rows=None, **options):
     size = len(torque)
     rows = np.ones(size, dtype=bool) if rows is None else rows
-    stretch = np.zeros(size, dtype=np.int64)
-    return reduced_map("axis", torque, velocity, power, stretch, PERIOD, rows, **options)
+    stamp, none = np.rint(np.arange(size) * PERIOD * 1e9).astype(np.int64), np.zeros(size, int)
+    columns = (values[:, None] for values in (velocity, torque, np.full(size, 20.0), power))
+    braking, shares = np.zeros(size, bool), torque[:, None]
+    data = DriveData(("axis",), stamp, none, none, *columns, (None,), (), braking, shares)
+    return reduced_map(data, 0, rows, **options)
 
 
 def test_the_known_map_comes_back_in_four_quadrants():

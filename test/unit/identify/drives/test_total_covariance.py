@@ -83,7 +83,7 @@ def drawn(
     )
     unknown, block = np.full(400, np.nan), np.arange(400) // 10
     data = Sums(NAMES, location, np.ones(400), measured, of_model, terms, unknown, unknown,
-                np.zeros(400, dtype=np.int64), block, SIZES, np.zeros((400, 6)), EXACT,
+                np.zeros(400, dtype=np.int64), block, tuple(SIZES), np.zeros((400, 6)), EXACT,
                 viscous=terms[:, 2] * VISCOUS_STD)  # fmt: skip
     return Drawn(data, losses, friction, random)
 

@@ -11,6 +11,7 @@ from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.schema import CabinetFan
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
+from robot_energy_identify.data.bags import Bag
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.drives.all_drives import fan_known, fan_test, find_drives
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
@@ -24,6 +25,7 @@ from robot_energy_identify.drives.total_power import (
     with_total,
 )
 from robot_energy_identify.drives.total_sums import resting, sums
+from robot_energy_identify.steps import drives_step
 from robot_energy_plan.motion import random_program
 from robot_energy_rig import RigConfig, VirtualRig, load_profile
 from robot_energy_rig.record import record
@@ -57,6 +59,20 @@ def test_energy_held_in_the_dc_link_by_hand():
     segment = np.repeat([0, 1], [9, 1])
     expected = [0.0, 100.0, 200.0, 150.0, 100.0, 50.0, 0.0, 0.0, 60.0, 0.0]
     np.testing.assert_allclose(held_energy(demand, stamp, segment), expected)
+
+
+def test_drives_found_before_say_which_rests_the_dc_link_feeds(tmp_path):
+    """Where nothing is drawn at rest, all that was fed back is held until the next motion."""
+    program = random_program(PROFILE.motion_limits(PROFILE.mechanics()[0]), 1, dwell=2.0)
+    rig = VirtualRig(PROFILE, program, RigConfig(), 1, 40.0, rate_hz=50.0)
+    bags = [Bag(record(rig, 90.0, tmp_path / "bag").path, EffortMeaning.MOTOR_TORQUE)]
+    none = MODEL.cabinet.loss_dc.model_copy(update={"value": 0.0})
+    model = MODEL.changed(cabinet=MODEL.cabinet.model_copy(update={"loss_dc": none}))
+    without, known = (drives_step(bags, model, "bags", seen).found.total for seen in (None, MODEL))
+    rests = [resting(one.data, model).mean() for one in (without, known)]
+    assert rests[0] < 0.05 < 0.3 < rests[1]
+    true = PROFILE.supply.loss_dc + PROFILE.supply.loss_grid
+    assert true < known.fit.constant < true + 25.0
 
 
 def test_readings_while_the_dc_link_gives_are_left_out(data):
@@ -132,7 +148,7 @@ def test_readings_with_a_fan_that_may_run_or_not_do_not_count(data):
     one = sums(half, MODEL)
     assert not fan_known(one, fan_of(60.0, 3.0)).all()
     assert fan_known(one, fan_of(60.0, 3.0, source="levels of recordings: bags")).all()
-    few = one.rows(np.flatnonzero(one.fan == 30.0)[:15])
+    few = one[np.flatnonzero(one.fan == 30.0)[:15]]
     assert fan_known(few, fan_of(60.0, 3.0)).all()
 
 
@@ -142,7 +158,7 @@ def test_a_fan_that_is_small_next_to_the_errors_of_motion_is_seen_at_rest(data):
     rest = resting(one, MODEL)
     assert np.abs(one.shaft[rest]).max() < 10.0 < np.median(np.abs(one.shaft))
     more = np.sort(np.append(np.arange(len(one)), np.repeat(np.flatnonzero(rest), 20)))
-    one, rest, power = one.rows(more), rest[more], predict(one, fit_total(one))[more]
+    one, rest, power = one[more], rest[more], predict(one, fit_total(one))[more]
     fan = 12.0 * (one.block % 2)
     power = power + random.normal(0.0, np.where(rest, 3.0, 150.0))
     without = held_out_powers(replace(one, measured=power + fan), None)
@@ -167,7 +183,7 @@ def test_energies_are_compared_with_those_of_the_whole_reading(data):
 
 def test_blocks_that_the_fit_predicted_are_not_predicted_again(data):
     one = sums(data, MODEL)
-    one = one.rows(one.recording == 0)
+    one = one[one.recording == 0]
     fit = fit_total(one)
     kind, scores = compare_total(one, MODEL, fit)
     assert (kind, scores) == compare_total(one, MODEL)

@@ -12,8 +12,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load, save, validate
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy_identify.data.observations import Filters
-from robot_energy_identify.data.signals import Channels, stretches
+from robot_energy_identify.data.observations import Channels, Filters, stretches
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.dynamics_model import friction_at_joints, to_model
 from robot_energy_identify.dynamics.torque_model import standard_columns

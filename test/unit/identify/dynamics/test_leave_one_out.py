@@ -8,8 +8,8 @@ import pytest
 import robots
 from excited import fourier_motion, monitor_torque, recorded
 from robot_energy.physics.drivetrain import Drivetrain
-from robot_energy_identify.data.observations import Filters, observe
-from robot_energy_identify.data.signals import Channels
+from robot_energy_identify.api.identify import dynamics_of
+from robot_energy_identify.data.observations import Channels, Filters, observe
 from robot_energy_identify.dynamics.consistent import Prior
 from robot_energy_identify.dynamics.dynamics import DynamicsSettings, identify_dynamics
 from robot_energy_identify.dynamics.leave_one_out import across_recordings, motor_work, share_off
@@ -77,6 +77,15 @@ def test_recordings_of_one_robot_predict_each_other_and_another_load_does_not():
     across, own = loaded.judgements[:2], loaded.judgements[2:]
     assert min(each.torque.total for each in across) > 0.1
     assert max(each.torque.total for each in own) < 0.03
+
+
+def test_several_recordings_are_held_out_whole_and_one_is_not():
+    recordings = {"one": other_motion(1), "two": other_motion(2)}
+    found = dynamics_of(recordings, ARM, QUICK, ()).found
+    assert found.across is not None
+    assert len(found.across.judgements) == 4
+    assert list(found.torque_error) == ["held_out", "held_out_model_file"]
+    assert dynamics_of({"one": recordings["one"]}, ARM, QUICK, ()).found.across is None
 
 
 def test_three_recordings_are_each_predicted_from_the_two_others():

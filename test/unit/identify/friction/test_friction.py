@@ -15,9 +15,9 @@ from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
-from robot_energy_identify.friction.temperature_study import Span, temperature_split
+from robot_energy_identify.friction.temperature_study import Span, axis_study, temperature_split
+from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_identify.plausibility import check_friction
-from robot_energy_identify.results.identification import FrictionReport, axis_study
 from robot_energy_identify.stats.regression import jackknife
 from robot_energy_logs.log_import import open_logs
 from robot_energy_report.document import Document
@@ -93,9 +93,9 @@ def test_the_deviation_of_the_law_covers_the_true_curve(short_fits):
 def loaded(share, saturation=np.inf, seed=0, minutes=15):
     """The same axis under a changing load of up to 6 N m, known as the bodies are."""
     data = measurement(seed, minutes)
-    load = np.abs(6.0 * np.sin(np.arange(len(data)) / 17.0))
-    torque = share * np.minimum(load, saturation) * data.sign
-    return replace(data, friction_torque=data.friction_torque + torque, load=load)
+    rigid = 6.0 * np.sin(np.arange(len(data)) / 17.0)
+    torque = share * np.minimum(np.abs(rigid), saturation) * data.sign
+    return replace(data, friction_torque=data.friction_torque + torque, rigid=rigid)
 
 
 def test_friction_by_load_comes_back_with_the_temperature_law():
@@ -112,7 +112,7 @@ def test_friction_by_load_comes_back_with_the_temperature_law():
     assert entry.load_coulomb.std == std
     assert entry.load_saturation is None
     # what was found as Coulomb torque without it
-    blind = fit_friction(replace(loaded(0.06), load=np.empty(0)))
+    blind = fit_friction(replace(loaded(0.06), rigid=None))
     assert blind.load is None
     assert blind.coulomb > COULOMB + 0.15
 
@@ -456,10 +456,9 @@ def test_the_stribeck_term_goes_into_the_model_file():
 
 def test_a_law_that_cannot_be_fitted_leaves_the_other_rows():
     rising = measurement(law=lambda degc: 2e-3 + 1e-4 * (degc - 20.0))
-    study = temperature_split(rising, Span(high=45.0), Span(low=50.0))
-    assert {row.law for row in study.rows} == {"constant", "table"}
-    assert "does not fall with temperature" in study.refused[0]
-    found = axis_study("a", study, ())
+    found = axis_study(rising, Span(high=45.0), Span(low=50.0), shuffles=0)
+    assert {row.law for row in found.study.rows} == {"constant", "table"}
+    assert "does not fall with temperature" in found.study.refused[0]
     assert found.gain is None
     plain = found.to_dict()["study"]["rows"][0]
     assert plain["viscous"]["viscous"]["value"] == pytest.approx(3.2e-3, rel=0.1)
@@ -478,7 +477,8 @@ def test_a_thermometer_that_is_off_moves_the_law_along_its_slope():
 
 def test_a_torque_constant_that_is_off_moves_all_friction_by_its_share():
     data = measurement(noise=1e-4)
-    fit = fit_friction(replace(data, changes={"torque": 0.03 * data.friction_torque}))
+    changes = 0.03 * data.friction_torque[:, None]
+    fit = fit_friction(replace(data, causes=("torque",), changes=changes))
     assert fit.coulomb_std == pytest.approx(0.03 * COULOMB, rel=0.01)
     assert fit.parts["coulomb"]["torque"] == pytest.approx(0.03 * COULOMB, rel=0.01)
     law = viscous_law(fit.law)

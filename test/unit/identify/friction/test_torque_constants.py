@@ -15,14 +15,13 @@ from robot_energy.physics.torque_constant import TorqueConstants
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import EffortMeaning, PowerBlock, TorqueBlock
 from robot_energy_identify.bounds import identified
-from robot_energy_identify.cabinet.link_errors import _change_of_drives, _Error
+from robot_energy_identify.cabinet.link_readings import _change_of_drives, _Error
 from robot_energy_identify.check.evidence import Remarks, evidence_of
 from robot_energy_identify.data.bags import EVER, Fold
 from robot_energy_identify.data.recordings import Recording
 from robot_energy_identify.drives.drive_data import DriveData, shaft_torque, winding_torque
 from robot_energy_identify.drives.drives import AxisSamples
-from robot_energy_identify.drives.loss_map import fit_loss_map
-from robot_energy_identify.drives.losses import TERMS
+from robot_energy_identify.drives.losses import TERMS, fit_loss_map
 from robot_energy_identify.friction.samples import FrictionData
 from robot_energy_identify.friction.torque_constants import (
     BY_CURRENT,
@@ -64,17 +63,8 @@ def recorded(seconds, degc, seed, fall=FALL, load=2.0, run=0, given=None):
     torque = read - known + 0.05 * rng.standard_normal(count)
     return FrictionData(
         "axle", speed, torque, motor, 10_000 * run + np.arange(count) // 125,
-        np.full(count, run), np.empty((count, 0)), load=np.abs(known), rigid=known,
+        np.full(count, run), np.empty((count, 0)), rigid=known,
     )  # fmt: skip
-
-
-def together(parts):
-    names = ("motor_velocity", "friction_torque", "motor_temperature_degc", "block", "run")
-    names += ("nuisance", "load", "rigid")
-    return replace(
-        parts[0],
-        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
-    )
 
 
 def test_a_fall_is_found_in_a_warm_up():
@@ -97,7 +87,7 @@ def test_a_payload_of_the_warm_recording_does_not_look_like_magnets():
         recorded(600.0, (50.0, 62.0), 4, fall=0.0, load=2.1, given=2.0, run=1),
     ]
     with pytest.raises(NotIdentifiableError, match="grows by"):
-        fit_fall(together(parts))
+        fit_fall(FrictionData.concatenate(parts))
 
 
 def test_soaked_recordings_do_not_show_it():
@@ -106,7 +96,7 @@ def test_soaked_recordings_do_not_show_it():
         for run, degc in enumerate((20.0, 40.0, 60.0))
     ]
     with pytest.raises(NotIdentifiableError, match="warms by 2 K"):
-        fit_fall(together(parts))
+        fit_fall(FrictionData.concatenate(parts))
 
 
 def test_a_fall_that_no_magnet_has_is_refused():
@@ -166,7 +156,7 @@ def test_friction_is_that_of_the_shaft_where_the_model_keeps_a_fall_that_no_warm
     parts = [swung(falling(0.002), degc, fall, meaning) for degc in (20.0, 45.0, 70.0)]
     found = find_friction(parts, parts[0].model, "bags")
     assert not found.falls
-    (fit,) = found.fits
+    (fit,) = found.axes
     for degc in (20.0, 45.0, 70.0):
         assert viscous_law(fit.law).viscous(degc) == pytest.approx(viscous(degc), rel=0.01)
     assert fit.coulomb == pytest.approx(COULOMB, rel=0.01)

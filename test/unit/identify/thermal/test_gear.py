@@ -58,16 +58,11 @@ def friction_of(seconds, motor_rise, seed, gear=True, start=AIR, off=0.0, law=ex
 
 
 def together(parts):
-    def joined(name):
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    names = ("motor_velocity", "friction_torque", "motor_temperature_degc", "stamp_ns", "nuisance")
-    return replace(
-        parts[0],
-        **{name: joined(name) for name in names},
-        run=np.concatenate([np.full(len(part), n) for n, part in enumerate(parts)]),
-        block=np.concatenate([part.block + 10_000 * n for n, part in enumerate(parts)]),
-    )
+    parts = [
+        replace(part, run=np.full(len(part), n), block=part.block + 10_000 * n)
+        for n, part in enumerate(parts)
+    ]
+    return FrictionData.concatenate(parts)
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,11 @@ from places import ROOT
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy_cli.identify_inputs import IdentifyInputs
 from robot_energy_cli.main import main
-from robot_energy_identify.thermal.network import fit_network, fit_networks
-from robot_energy_identify.thermal.windows import (
+from robot_energy_identify.thermal.network import (
     WINDOW,
     ThermalRun,
+    fit_network,
+    fit_networks,
     runs_of_log,
     runs_of_recordings,
 )

@@ -429,6 +429,17 @@ def test_findings_of_long_ago_are_left_out_if_asked():
     assert not ingest.findings(within=10.0)
 
 
+def test_findings_of_before_a_jump_back_are_of_long_ago():
+    """Their stamps are later than the newest one: they were shown until these came again."""
+    ingest = JointStateIngest(NAMES, limits=limits())
+    take(ingest, moving([90.0] * 10, start=3600.0), flush=False)
+    assert ingest.findings(within=10.0)
+    take(ingest, moving(sway(seconds=30.0), start=2.0))
+    assert ingest.order.jumps == 1
+    assert ingest.findings()
+    assert not ingest.findings(within=10.0)
+
+
 def test_names_that_never_repeat_do_not_fill_the_memory():
     """A driver that puts a counter into its joint names, or one made to harm."""
     ingest = JointStateIngest(NAMES)

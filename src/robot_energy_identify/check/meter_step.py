@@ -1,0 +1,102 @@
+"""Readings of a meter that step although the predicted power does not.
+
+Another load, a fan or brakes on the same meter, or another scale or unit of it, spoil what is
+identified from the whole recording. Means of a second on either side of each instant follow
+
+    y = a + b p + d s
+
+with p the predicted power as the meter shows it; s is 0 before the instant and, behind it, 1 for
+another load, or p for another scale. A model that is off changes a and b, but not d.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import NANOSECOND, Float
+from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.check.finding import WARNING, Finding
+
+WIDTHS = (8, 16)  # means on either side: loads that switch every ten seconds, and scales
+MAX_SPACING = 2.0  # s between readings; over minutes, a robot that warms up looks like a step
+MIN_STEP = 0.15  # of the mean power: sound recordings show 0.02 with a model that is identified
+MIN_DEVIATIONS = 7.0  # sound recordings show 3, up to 6 with a model that is far off
+ALIKE = 1e-3  # share of the variance of s that a and b p may leave, below which d is not known
+
+
+def by_second(compared: Compared) -> Compared:
+    """Return the sums of each second, which are the same however the input was cut."""
+    second, place = np.unique(compared.stamp_ns // SECOND_NS, return_inverse=True)
+    count = len(second)
+    time, *energies = (
+        np.bincount(place, values, count)
+        for values in (
+            compared.duration_ns, compared.measured, compared.predicted, compared.drawn,
+        )
+    )  # fmt: skip
+    return Compared(second * SECOND_NS, np.rint(time).astype(np.int64), *energies)
+
+
+def step_of(compared: Compared, start_ns: int) -> Finding | None:
+    """Return the surest step of the readings; None where they do not step.
+
+    Args:
+        compared: What meter and prediction gave, in the order of time.
+        start_ns: Begin of the recording. [ns]
+    """
+    means = by_second(compared)
+    second = means.stamp_ns // SECOND_NS
+    if len(second) < 2 * WIDTHS[0] or float(np.median(np.diff(second))) > MAX_SPACING:
+        return None
+    time = means.duration_ns * NANOSECOND
+    measured, predicted = means.measured / time, means.predicted / time
+    off = float(np.sqrt(np.mean((measured - predicted) ** 2)))
+    least = max(off, MIN_STEP * float(np.abs(measured).mean()))
+    around = [
+        (row, slice(row - width, row + width))
+        for width in WIDTHS
+        for row in range(width, len(second) - width + 1)
+    ]
+    found = [
+        (sure, step, row)
+        for row, rows in around
+        for sure, step in _steps(measured[rows], predicted[rows])
+        if abs(step) > least and sure > MIN_DEVIATIONS
+    ]
+    if not found:
+        return None
+    _, step, row = max(found)
+    at = float(second[row] - start_ns / SECOND_NS)
+    return Finding(
+        "meter_step", WARNING, ("meter",),
+        f"from {at:.0f} s on the meter reads {abs(step):.0f} W {'more' if step > 0 else 'less'} "
+        "than before at the same predicted power: another load, a fan or brakes switch, or its "
+        "scale changes",
+        step,
+        "leave this recording out or record again without it, or give the load a meter of its own",
+    )  # fmt: skip
+
+
+def _steps(measured: Float, predicted: Float) -> list[tuple[float, float]]:
+    """Deviations and size of a step in the middle, as of another load and of a scale. [-], [W]"""
+    behind = np.arange(len(measured)) >= len(measured) // 2
+    power = predicted - predicted.mean()
+    square = float(power @ power)
+
+    def left(values: Float) -> Float:
+        values = values - values.mean()
+        return values - power * (float(power @ values) / square) if square > 0.0 else values
+
+    found: list[tuple[float, float]] = []
+    for column in (behind.astype(np.float64), behind * predicted):
+        rest, target = left(column), left(measured)
+        size = float(rest @ rest)
+        if size <= ALIKE * float(column @ column):
+            continue
+        slope = float(rest @ target) / size
+        error = target - slope * rest
+        std = np.sqrt(float(error @ error) / (len(measured) - 3) / size)
+        sure = abs(slope) / std if std > 0.0 else np.inf
+        found.append((sure, slope * float(column[behind].mean())))
+    return found

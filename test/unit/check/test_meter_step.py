@@ -1,0 +1,93 @@
+"""Readings of a meter that step although the predicted power does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robot_energy.foundation.units import SECOND_NS
+from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.pieces import Compared
+from robot_energy_identify.check.meter_step import by_second, step_of
+
+BEGIN = 10**9 * SECOND_NS
+RATE = 10
+
+
+def predicted(seconds: int = 40) -> Float:
+    """Power of moves of a second or two, in which the robot takes 400 to 2000 W."""
+    rng = np.random.default_rng(4)
+    return np.repeat(rng.uniform(400.0, 2000.0, seconds), RATE)
+
+
+def compared(power: Float, measured: Float, apart: int = 1) -> Compared:
+    """Readings that are ``apart`` tenths of a second apart, with noise of 2 %."""
+    noisy = measured * (1.0 + 0.02 * np.random.default_rng(5).standard_normal(len(measured)))
+    step_ns = apart * SECOND_NS // RATE
+    stamp = BEGIN + step_ns * np.arange(1, len(power) + 1) - 1
+    seconds = step_ns / SECOND_NS
+    energy = power * seconds
+    return Compared(stamp, np.full(len(power), step_ns), noisy * seconds, energy, energy)
+
+
+def later(at: float, count: int) -> Float:
+    return (np.arange(count) >= at * RATE).astype(np.float64)
+
+
+@pytest.mark.parametrize("model", [(1.0, 0.0), (1.02, 20.0)])  # also of a model that is off
+def test_a_load_that_begins_is_found_with_its_power_and_time(model: tuple[float, float]) -> None:
+    power = predicted()
+    factor, constant = model
+    sound = factor * power + constant
+    assert step_of(compared(power, sound), BEGIN) is None
+    found = step_of(compared(power, sound + 300.0 * later(20, len(power))), BEGIN)
+    assert found is not None
+    assert found.evidence == pytest.approx(300.0, rel=0.1)
+    assert found.sentence.startswith("from 20 s on the meter reads 3")
+    assert "more than before" in found.sentence
+
+
+@pytest.mark.parametrize("factor", [1.3, 1e-3])
+def test_a_scale_that_changes_is_found(factor: float) -> None:
+    power = predicted()
+    changed = np.where(later(20, len(power)) > 0, factor, 1.0)
+    found = step_of(compared(power, power * changed), BEGIN)
+    assert found is not None
+    assert found.evidence == pytest.approx((factor - 1.0) * power[200:].mean(), rel=0.2)
+    assert "from 20 s on" in found.sentence
+
+
+def test_a_load_that_switches_every_ten_seconds_is_found() -> None:
+    power = predicted()
+    load = 300.0 * (np.arange(len(power)) // (10 * RATE) % 2)
+    found = step_of(compared(power, power + load), BEGIN)
+    assert found is not None
+    assert abs(found.evidence) == pytest.approx(300.0, rel=0.1)
+
+
+def test_a_robot_that_begins_to_move_is_no_step_though_its_losses_are_wrong() -> None:
+    power = np.where(later(20, 40 * RATE) > 0, predicted(), 400.0)
+    assert step_of(compared(power, 150.0 + 1.6 * power), BEGIN) is None
+
+
+def test_a_model_that_is_off_by_more_shows_no_step() -> None:
+    power = predicted()
+    wrong = np.where(later(20, len(power)) > 0, 0.8, 0.6)  # as of axes that move there alone
+    assert step_of(compared(power, wrong * power), BEGIN) is None
+
+
+def test_a_robot_that_warms_up_under_a_slow_meter_is_no_step() -> None:
+    count = 60
+    power = np.full(count, 1000.0)
+    warm = power * (1.0 + 0.6 * np.exp(-np.arange(count) / 10.0))
+    assert step_of(compared(power, warm, apart=30 * RATE), BEGIN) is None
+
+
+def test_seconds_are_the_same_however_the_input_is_cut() -> None:
+    power = predicted()
+    whole = compared(power, power)
+    parts = [by_second(whole[slice(at, at + 37)]) for at in range(0, len(power), 37)]
+    again, once = by_second(Compared.concatenate(parts)), by_second(whole)
+    assert np.array_equal(again.stamp_ns, once.stamp_ns)
+    assert np.array_equal(again.duration_ns, once.duration_ns)
+    assert again.measured == pytest.approx(once.measured, rel=1e-12)
