@@ -99,7 +99,7 @@ def test_power_of_the_drives_reaches_the_bag_in_watt(tmp_path: Path) -> None:
 
 
 def test_times_from_zero_need_a_start(tmp_path: Path) -> None:
-    with pytest.raises(LogFormatError, match="give time.start"):
+    with pytest.raises(LogFormatError, match=r"give time\.start"):
         import_log(wheel_csv(tmp_path / "l.csv"), mapping(time={"column": "t"}), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()  # nothing half-written stays
 
