@@ -20,8 +20,6 @@ from robot_energy.model.friction_laws import FRICTION_LAWS
 from robot_energy.model.joint import Joint, JointFriction
 from robot_energy.model.schema import SCHEMA_VERSION, RobotModel
 
-FROM_URDF = "begin one with `robot-energy model init {path} --out {stem}.yaml`"
-
 
 def validate(data: object, source: str, urdf_xml: str | None = None) -> RobotModel:
     """Return plain values as a model, with its URDF attached.
@@ -89,7 +87,7 @@ def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
         raise ModelFileError(
             f"{path} is XML, as of a URDF",
             "a model file",
-            FROM_URDF.format(path=path, stem=path.stem),
+            "begin one from it with `robot-energy model init`",
         )
     return validate(parse_yaml(text, str(path)), str(path), urdf_xml)
 
