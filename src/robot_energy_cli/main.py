@@ -122,8 +122,9 @@ class Parser(ArgumentParser):
         """Print what is wrong and where the help is, and exit."""
         text = message.replace("the following arguments are required:", "required:")
         for action in self._actions:
-            if isinstance(action.choices, dict) and text == f"required: {action.metavar}":
-                text += f", one of {', '.join(action.choices)}"
+            choices: Any = action.choices
+            if isinstance(choices, dict) and text == f"required: {action.metavar}":
+                text += f", one of {', '.join(cast('dict[str, Any]', choices))}"
         self.exit(REFUSED, shown_lines(f"{self.prog}: {text} (see {self.prog} --help)") + "\n")
 
     def parse_known_args(  # type: ignore[override]

@@ -286,7 +286,7 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
 
 def register_values(account: EnergyAccount) -> tuple[int, ...]:
     """Return the registers of an account as a history has them, by `COLUMNS`."""
-    exact = exact_columns(account)
+    exact: dict[str, Any] = exact_columns(account)
     phases = (exact[f"phase_{unit}"][0, Phase.HOLD :] for unit in ("microjoule", "ns"))
     joints = (exact[f"joints.{name}"].sum() for name in OF_JOINTS)
     plain = (exact[name] for name in FROM_MESSAGE)

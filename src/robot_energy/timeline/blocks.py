@@ -152,7 +152,8 @@ class Rows(Described):
     """Base of records whose arrays all have a row for each sample: cutting and joining."""
 
     def __len__(self) -> int:
-        return next(len(each) for each in self.__dict__.values() if isinstance(each, np.ndarray))
+        entries: dict[str, Any] = self.__dict__
+        return next(len(each) for each in entries.values() if type(each) is np.ndarray)
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Int) -> Self:
         """Return the samples ``rows``; what is one for all stays."""

@@ -53,7 +53,7 @@ def errors_of(begins_degc: Float) -> Thermometers | None:
     apart = begins_degc - level[:, None]
     coldest = int(np.argmin(level))
     same = np.abs(apart - apart[coldest]).max(axis=1) <= AGREE
-    error = apart[same].mean(axis=0)
+    error: Float = apart[same].mean(axis=0)
     if np.ptp(level[same]) < WARMER or np.abs(error).max() > MAX_OFFSET:
         return None
     free = same.sum() - 1

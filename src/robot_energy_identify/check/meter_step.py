@@ -29,12 +29,13 @@ def by_second(compared: Compared) -> Compared:
     """Return the sums of each second, which are the same however the input was cut."""
     second, place = np.unique(compared.stamp_ns // SECOND_NS, return_inverse=True)
     count = len(second)
-    time, *energies = (
-        np.bincount(place, values, count)
+    added: list[Float] = [
+        np.bincount(place, values, count).astype(np.float64)
         for values in (
             compared.duration_ns, compared.measured, compared.predicted, compared.drawn,
         )
-    )  # fmt: skip
+    ]  # fmt: skip
+    time, *energies = added
     return Compared(second * SECOND_NS, np.rint(time).astype(np.int64), *energies)
 
 

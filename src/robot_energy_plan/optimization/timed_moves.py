@@ -144,4 +144,5 @@ def timed_form(form: ProgramForm, moves: Moves) -> WrittenTrajectory:
     """Return a program with time laws."""
     note = "moves with a time law of their own need a controller that follows a trajectory"
     given: dict[str, Any] = {one.name: getattr(form, one.name) for one in fields(ProgramForm)}
-    return WrittenTrajectory(**given | {"moves": moves, "notes": (*form.notes, note)})
+    given |= {"moves": moves, "notes": (*form.notes, note)}
+    return WrittenTrajectory(**given)
