@@ -58,6 +58,8 @@ def _run(args: Namespace) -> int:
 
 
 def _show(result: CheckResult) -> None:
+    from robot_energy_identify.refused_recordings import option_of
+
     show = console().print
     errors = len(result.errors)
     show(f"{result.recording} with {result.model}", style="bold")
@@ -68,7 +70,7 @@ def _show(result: CheckResult) -> None:
     for finding in result.findings:
         show(f"{finding.severity}: {finding.sentence}", style=STYLES[finding.severity])
         if finding.remedy:
-            place = f"   # {finding.remedy_in}{finding.option}" if finding.remedy_in else ""
+            place = f"   # {finding.remedy_in}{option_of(finding)}" if finding.remedy_in else ""
             show(f"    remedy: {finding.remedy}{place}")
     for name, why in result.skipped.items():
         show(f"not checked: {name} ({why})", style=STYLES["note"])

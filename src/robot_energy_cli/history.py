@@ -281,7 +281,7 @@ COMMAND = Group(
     "ACTION",
     lambda: (
         Command("export",
-                "export it for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
+                "the history for other databases: CSV, Parquet, line protocol, SQL, OpenMetrics",
                 _export, EXPORT, epilog=EXAMPLES),
         Command("report", "a month as one page: verdict, days, robots, losses, standby, jobs",
                 _report, REPORT),

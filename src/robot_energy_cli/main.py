@@ -304,7 +304,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.debug:
             raise
         place = f"{error.filename}: " if error.filename else ""
-        return _fail(f"{place}{error.strerror or error}", REFUSED)
+        remedy = "; expected access rights to it" if isinstance(error, PermissionError) else ""
+        return _fail(f"{place}{error.strerror or error}{remedy}", REFUSED)
     except Exception as error:  # a bug of ours; the user still gets one sentence
         if args.debug:
             raise

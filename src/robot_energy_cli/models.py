@@ -96,6 +96,7 @@ def _run_init(args: Namespace) -> int:
     show(
         "All figures that the URDF does not give are assumed. Next:\n"
         f"  robot-energy replay BAG --model {out}\n"
+        f"  robot-energy check BAG --model {out} --effort MEANING\n"
         f"  robot-energy identify all BAGS... --model {out} --effort MEANING "
         "--out identified.yaml\n"
         "MEANING is what your driver sends as effort: motor_torque, joint_torque or motor_current."

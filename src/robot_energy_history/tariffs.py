@@ -237,6 +237,8 @@ def stored_tariffs(folder: str | Path) -> list[Tariff]:
         content = read_regular(path, MAX_BYTES) or b""
         lines = content[: content.rfind(b"\n") + 1].splitlines()
         found = [Tariff.model_validate_json(line.partition(b" ")[2]) for line in lines]
+    except PermissionError as error:
+        raise HistoryError(f"{path} cannot be read", "access rights to it") from error
     except (OSError, ValueError) as error:
         raise HistoryError(
             f"{path} cannot be read ({' '.join(str(error).split())})",

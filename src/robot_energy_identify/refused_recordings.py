@@ -9,6 +9,7 @@ its masses are assumed they are notes, and are named once a gate of
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -299,6 +300,12 @@ def cause_named(parts: Callable[[], Sequence[Evidence]]) -> Generator[None]:
         ) from error
 
 
+def option_of(finding: Finding) -> str:
+    """Return the option of a command that stands for the line of YAML and counts before it."""
+    meaning = re.search(r"effort_meaning: (\w+)", finding.remedy)
+    return f", or --effort {meaning[1]}" if meaning else ""
+
+
 def _sentence(finding: Finding) -> str:
     return f"{finding.sentence}: {finding.remedy}" if finding.remedy else finding.sentence
 
@@ -307,7 +314,7 @@ def _refuse(findings: Sequence[Finding], expected: str, otherwise: str = "") -> 
     if not findings:
         return
     remedies = [
-        *dict.fromkeys(one.remedy + one.option for one in findings if one.remedy),
+        *dict.fromkeys(one.remedy + option_of(one) for one in findings if one.remedy),
         otherwise,
     ]
     raise ImplausibleIdentificationError(

@@ -34,9 +34,7 @@ from robot_energy_logs.table import number_remedy
 
 PAYLOAD_TOPIC = "/energy/payload"
 BODY = FIELDS[1:]  # fields of a message, in the order of the figures of a payload
-NO_TIMES = (
-    "check the unit of time, and give the start of the recording where its times count from zero"
-)
+NO_TIMES = "check time.unit; where times count from zero, give time.start: when the recording began"
 MIN_ROWS = 2  # a state alone has no duration, so no energy
 NO_OTHERS = ("there are none", "there are no others")
 REMEDIES = {"bad_time": time_remedy, "not_numeric": number_remedy}

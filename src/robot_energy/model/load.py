@@ -87,7 +87,7 @@ def load(name: str | Path, urdf_xml: str | None = None) -> RobotModel:
         raise ModelFileError(
             f"{path} is XML, as of a URDF",
             "a model file",
-            f"begin one with `robot-energy model init {path} --out {path.stem}.yaml`",
+            "begin one from it with `robot-energy model init`",
         )
     return validate(parse_yaml(text, str(path)), str(path), urdf_xml)
 

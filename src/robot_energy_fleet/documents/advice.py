@@ -66,6 +66,8 @@ def advice_document(report: AdviceReport, page: Document) -> None:
                 "not add them."
             )
         page.paragraph(f"Rests on: {KINDS.get(one.sure, one.sure)}.")
+    if report.without:
+        page.heading("Not found", 3)
     for sentence in report.without:
         page.note(sentence)
 

@@ -221,7 +221,7 @@ def _other_robot(evidence: Evidence, last: TorqueFit) -> Finding | None:
         "other_robot", ERROR, evidence.names,
         f"the torque is that of the shipped model {best}, which has the same joint names, and not "
         f"of {evidence.model.robot.type}: no single mistake explains it as well",
-        last.cost - costs[best], f"take --model {best}, or a model that began with it",
+        last.cost - costs[best], f"take {best} as the model (--model), or one that began with it",
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from base64 import b64decode
 
 import numpy as np
 import pytest
@@ -465,6 +466,17 @@ def test_the_page_names_what_is_not_proven(tmp_path):
     assert main(["advise", bag, "--model", "kr16", "--no-speeds", "--report", str(page)]) == 0
     said = page.read_text()
     assert said.index("but not proven by them") < said.rindex("a warmer start")
+
+
+def test_the_page_has_names_of_the_table_in_its_figure_and_what_was_not_found_apart(tmp_path):
+    path = tmp_path / "a.html"
+    bags = [str(ROOT / "bags" / name) for name in ("kr16_cold", "kr16_warm")]
+    assert main(["advise", *bags, "--model", "kr16", "--no-speeds", "--report", str(path)]) == 0
+    page = path.read_text()
+    pictures = [part.partition('"')[0] for part in page.split("image/svg+xml;base64,")[1:]]
+    assert any(b">a regenerative supply<" in b64decode(one) for one in pictures)
+    assert page.index(">Not found<") < page.index("standby: no rest of a minute")
+    assert "<code>robot-energy replay" in page
 
 
 def test_what_saves_next_to_nothing_is_not_listed():

@@ -61,9 +61,9 @@ def test_a_robot_of_another_size_with_the_same_joint_names_is_named(tmp_path):
     (found,) = check(one.bag, load("ur10e"), one.effort).errors
     assert found.cause == "other_robot"
     assert "the shipped model ur5e" in found.sentence
-    assert "--model ur5e" in found.remedy
+    assert "take ur5e as the model" in found.remedy
     assert not check(one.bag, one.model, one.effort).errors
-    with refused(ImplausibleIdentificationError, found="ur5e", remedy="--model ur5e"):
+    with refused(ImplausibleIdentificationError, found="ur5e", remedy="take ur5e as the model"):
         identify_friction(one.bag, load("ur10e"), "motor_current")
 
 

@@ -109,7 +109,7 @@ def test_unexpected_errors_and_interrupts(
     for error, code, said in (
         (RuntimeError("a\nbug"), 1, "--debug"),
         (KeyboardInterrupt(), 130, "interrupted"),
-        (PermissionError(13, "Permission denied", "x"), 2, "x: Permission"),
+        (PermissionError(13, "Permission denied", "x"), 2, "denied; expected access rights to it"),
     ):
 
         def fail(*_: object, error: BaseException = error) -> None:

@@ -134,7 +134,7 @@ def test_a_wrong_word_is_answered_in_one_line(words, who, said, capsys):
             f"name one in it, such as {BAGS}/drawn_test_cold;",
         ),
         (["replay", str(BAGS / "kr16_cold")], "`robot-energy models` lists the shipped models"),
-        (["model", "check", str(URDF)], f"`robot-energy model init {URDF} --out ur5e.yaml`"),
+        (["model", "check", str(URDF)], "begin one from it with `robot-energy model init`"),
         (["predict", str(PROGRAM), *AT, "--payload", "8@flang"], "link_6, flange, tool0."),
         (["predict", str(LAYER), *AT], "move the work piece (--base), or begin with another"),
         (["shared-bus", str(BAGS / "kr16_cold"), "--model", "kr16"], "one for each robot"),

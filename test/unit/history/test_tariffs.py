@@ -252,3 +252,13 @@ def test_what_was_asked_for_is_refused_with_what_there_is(tmp_path):
     one = history(tmp_path / "h", "2026-03-01", "2026-03-02", timezone="Europe/Berlin")
     assert one.stamp_ns.tolist() == [start]
     assert one.to_polars()["time"][0] == datetime.fromtimestamp(start / SECOND, UTC)
+
+
+def test_tariffs_that_may_not_be_read_are_not_to_be_moved_away(tmp_path, monkeypatch):
+    def denied(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("robot_energy_history.tariffs.read_regular", denied)
+    with refused(HistoryError, expected="access rights") as caught:
+        stored_tariffs(tmp_path)
+    assert not caught.value.remedy

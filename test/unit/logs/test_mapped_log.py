@@ -99,7 +99,7 @@ def test_power_of_the_drives_reaches_the_bag_in_watt(tmp_path: Path) -> None:
 
 
 def test_times_from_zero_need_a_start(tmp_path: Path) -> None:
-    with pytest.raises(LogFormatError, match="give the start of the recording"):
+    with pytest.raises(LogFormatError, match=r"give time\.start"):
         import_log(wheel_csv(tmp_path / "l.csv"), mapping(time={"column": "t"}), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()  # nothing half-written stays
 
@@ -260,3 +260,20 @@ def test_a_unit_of_time_that_nothing_runs_in_is_noted(
     spoken = mapping(time={"column": "t", "unit": unit, "start": "2024-01-01T00:00:00"}, power=None)
     report = import_log(log, spoken, tmp_path / "bag")
     assert any("unit of time" in note for note in report.notes) == noted
+
+
+def test_the_mapping_of_the_how_to_reads_its_table(tmp_path: Path) -> None:
+    page = (ROOT / "src/doc/howto_identify.md").read_text(encoding="utf-8")
+    text = page.partition("with the columns `")[2]
+    path = tmp_path / "mapping.yaml"
+    path.write_text(text.partition("```yaml\n")[2].partition("```")[0], encoding="utf-8")
+    header = text.partition("`")[0].replace(" ", "")
+    log = write_csv(
+        tmp_path / "log.csv", header, [f"{10 * k},90,0,1,1,25,26,0.3" for k in range(9)]
+    )
+    import_log(log, load_mapping(path), tmp_path / "bag")
+    block, temperatures, readings = read_bag(tmp_path / "bag", ("shoulder", "elbow"))
+    np.testing.assert_allclose(block.joint_position[0], [np.pi / 2, 0.0])
+    assert temperatures is not None
+    assert readings is not None
+    np.testing.assert_allclose(readings.power, 300.0)
