@@ -23,7 +23,13 @@ from typing import Any
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
-from ros2_energy_msgs.msg import EnergyRegisters, FrictionCondition, JointCondition, JointEnergy
+from ros2_energy_msgs.msg import (
+    EnergyRegisters,
+    FrictionCondition,
+    JointCondition,
+    JointEnergy,
+    PowerState,
+)
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval
 
 from robot_energy.foundation.errors import HistoryError
@@ -34,6 +40,7 @@ from robot_energy_history.store import HistoryStore
 from ros2_energy_monitor.base.publishers import latched, reliable
 from ros2_energy_monitor.base.reader_memory import OF_THE_FOLDER, VARIABLE, make_room_as_needed
 from ros2_energy_monitor.nodes import energy_recorder
+from ros2_energy_monitor.nodes.energy_dashboard import EnergyDashboard
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.energy_recorder import EnergyRecorder
 from ros2_energy_monitor.nodes.virtual_robot import VirtualRobot
@@ -138,6 +145,22 @@ def test_robots_are_found_by_their_namespaces(bench: Any, publish: Any, tmp_path
     used = {name: second * 100 * 10**6 for name, second in
             (("left", 60), ("right", 120), ("robot", 180))}  # fmt: skip
     assert dict(zip(found["robot"].tolist(), found[IMPORT].tolist(), strict=True)) == used
+
+
+@pytest.mark.parametrize("node", [EnergyRecorder, EnergyDashboard])
+def test_a_robot_that_has_the_name_of_another_is_said(bench: Any, tmp_path: Any, node, capfd):
+    """One without a namespace is called robot, and so is that of the namespace /robot."""
+    bench.tester.create_publisher(EnergyRegisters, "/energy/registers", reliable(10))
+    bench.tester.create_publisher(EnergyRegisters, "/robot/energy/registers", reliable(10))
+    bench.tester.create_publisher(PowerState, "/energy/power", reliable(10))
+    bench.tester.create_publisher(PowerState, "/robot/energy/power", reliable(10))
+    if node is EnergyRecorder:
+        bench.add(node, folder=str(tmp_path), **QUICK)
+    else:
+        bench.add(node, port=0, history_folder="none")
+    said: list[str] = []
+    words = "a robot without a namespace is called robot, as that of the namespace /robot"
+    bench.spin_until(lambda: said.append(capfd.readouterr().err) or words in "".join(said), words)
 
 
 def test_a_full_disk_is_said_and_survived(

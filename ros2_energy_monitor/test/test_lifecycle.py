@@ -88,6 +88,32 @@ def test_services_take_a_node_through_its_life(bench):
     assert node.finalized
 
 
+@pytest.mark.parametrize("transition", [Transition(id=3), Transition(id=99), Transition(label="x")])
+def test_a_transition_that_the_state_does_not_have_is_answered(bench, transition, capfd):
+    """rclpy raises where it is asked for one by number, and its service never answers."""
+    node = bench.add(EnergyMonitor, model="kr16", autostart=False)
+    request = ChangeState.Request(transition=transition)
+    assert not ask(bench, ChangeState, "energy_monitor/change_state", request).success
+    words = (
+        f"energy_monitor is unconfigured and has no transition {transition.label or transition.id}"
+    )
+    assert f"{words}; expected one of configure (1), shutdown (5)" in capfd.readouterr().err
+    assert node.state == "unconfigured"
+    status = bench.diagnosed().wait("energy_monitor: node", "configure and activate it")
+    assert status.level == DiagnosticStatus.WARN
+
+
+def test_temperatures_that_an_inactive_node_discards_are_no_fault_of_theirs(bench):
+    node = bench.add(FrictionMonitor, model="kr16")
+    node.trigger_deactivate()
+    publisher = bench.publisher(MotorTemperatures, "motor_temperatures")
+    publisher.publish(MotorTemperatures(joint_names=["joint_a1"], temperature_degc=[30.0]))
+    diagnosed, name = bench.diagnosed(), "friction_monitor: motor temperatures"
+    bench.spin_until(lambda: node.temperatures[0].received, "a temperature")
+    diagnosed.wait_anew(name, "friction is taken at")
+    assert "rejected" not in diagnosed[name].message
+
+
 def test_an_unconfigured_node_only_reports(bench):
     node = bench.add(EnergyMonitor, model="kr16", autostart=False)
     reports = bench.latest(DiagnosticArray, "/diagnostics")

@@ -38,7 +38,7 @@ from ros2_energy_msgs.srv import (
 from sensor_msgs.msg import JointState
 
 from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
-from robot_energy.foundation.errors import StateFileError
+from robot_energy.foundation.errors import ParameterError, StateFileError
 from robot_energy.store import slots
 from robot_energy.store.slots import unwrap
 from ros2_energy_monitor.base import checkpoints
@@ -195,6 +195,12 @@ def test_where_the_files_are(monkeypatch, tmp_path):
     monkeypatch.delenv("ROS_HOME")
     assert folder_of("$ROS_HOME/robot_energy") == Path.home() / ".ros/robot_energy"
     assert folder_of("~/kept") == Path.home() / "kept"
+    monkeypatch.setenv("CELL", str(tmp_path))
+    assert folder_of("$CELL/kept") == folder_of("${CELL}/kept") == tmp_path / "kept"
+    with pytest.raises(
+        ParameterError, match=r"'/var/\$HALL/kept' names a variable that is not set"
+    ):
+        folder_of("/var/$HALL/kept")
     assert folder_of("") is folder_of("none") is None
 
 

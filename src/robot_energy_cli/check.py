@@ -68,7 +68,7 @@ def _show(result: CheckResult) -> None:
     for finding in result.findings:
         show(f"{finding.severity}: {finding.sentence}", style=STYLES[finding.severity])
         if finding.remedy:
-            place = f"   # {finding.remedy_in}" if finding.remedy_in else ""
+            place = f"   # {finding.remedy_in}{finding.option}" if finding.remedy_in else ""
             show(f"    remedy: {finding.remedy}{place}")
     for name, why in result.skipped.items():
         show(f"not checked: {name} ({why})", style=STYLES["note"])

@@ -15,7 +15,6 @@ from typing import Annotated, Any
 from robot_energy import __version__
 from robot_energy.accounting.account import EnergyAccount
 from robot_energy.accounting.totals import Totals
-from robot_energy.bag.metadata import FILE_NAME
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import DatasetError, RobotEnergyError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
@@ -48,6 +47,7 @@ from robot_energy_history.readings import (
     Reading,
 )
 from robot_energy_identify.blas_threads import one_thread
+from robot_energy_identify.provenance import sha256_of
 
 Row = dict[str, Any]
 _load_kinds = cache(load_kinds)  # of the user, which a worker has not loaded yet
@@ -103,7 +103,7 @@ def replay_bag(bag: FleetBag, model: RobotModel, max_scratch: int) -> BagRow:
         with contextlib.ExitStack() as stack:
             scratch = stack.enter_context(TemporaryFolder()).path
             path = _here(bag.place, scratch, max_scratch)
-            bag_hash = _hash_of(path, bag.place)
+            bag_hash = sha256_of(path)
             return _replayed(bag, bag_hash, path, model, scratch)
     except Exception as error:  # a bag stops no fleet
         return refused(bag, error, None if isinstance(error, OSError) else bag_hash)
@@ -124,18 +124,6 @@ def _here(place: BagPlace, scratch: Path, max_scratch: int) -> Path:
         system, path = file_system(address)
         system.get_file(path, str(target / PurePosixPath(path).name))
     return target if place.is_folder else target / PurePosixPath(place.address).name
-
-
-def _hash_of(path: Path, place: BagPlace) -> str:
-    """SHA-256 of the files with messages, in the order of names."""
-    whole = hashlib.sha256()
-    for address in place.files:
-        name = PurePosixPath(address).name
-        if name == FILE_NAME:
-            continue
-        with (path / name if place.is_folder else path).open("rb") as file:
-            hashlib.file_digest(file, lambda: whole)
-    return whole.hexdigest()
 
 
 def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scratch: Path) -> BagRow:

@@ -245,6 +245,11 @@ def savings_by_robot(
         )
         for span in (baseline, reported)
     )
+    if np.intersect1d(before[0].stamp_ns, after[0].stamp_ns).size:
+        raise HistoryError(
+            "reported days that are in the baseline as well",
+            "days before or after it, as the same days save nothing against themselves",
+        )
     events = history_events(folder, baseline[0], reported[1], robots, timezone)
     known = (*before[0]["robot"].tolist(), *after[0]["robot"].tolist())
     found: dict[str, EnergySavings] = {}

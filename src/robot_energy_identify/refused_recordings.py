@@ -42,6 +42,7 @@ from robot_energy_identify.provenance import require_some
 # What no identification can mend, whatever the bodies: others, such as a payload, are notes.
 MISTAKES = (
     "torque_sign", "joint_sign", "joint_order", "torque_scale", "gear_ratio", "effort_meaning",
+    "other_robot",
 )  # fmt: skip
 # All torques and powers follow from positions and velocities.
 MOTION_MISTAKES = ("degrees", "millimetres", "velocity_scale", "velocity_sign", "velocity_zero")
@@ -305,7 +306,10 @@ def _sentence(finding: Finding) -> str:
 def _refuse(findings: Sequence[Finding], expected: str, otherwise: str = "") -> None:
     if not findings:
         return
-    remedies = [*dict.fromkeys(one.remedy for one in findings if one.remedy), otherwise]
+    remedies = [
+        *dict.fromkeys(one.remedy + one.option for one in findings if one.remedy),
+        otherwise,
+    ]
     raise ImplausibleIdentificationError(
         "; ".join(finding.sentence for finding in findings),
         expected,

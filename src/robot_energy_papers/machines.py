@@ -15,6 +15,7 @@ import numpy as np
 from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel, load
 from robot_energy.physics.drivetrain import Drivetrain
+from robot_energy.physics.equations import trapezoid_energy
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
 from robot_energy.timeline.blocks import Float, PowerBlock, TemperatureBlock
@@ -176,8 +177,8 @@ def predicted(
     power = PowerBlock.concatenate(powers)
     shaft = power.rigid_power + power.friction_power
     electrical = shaft + power.drive_loss
-    loss = _integral(_losses(model, position, power), time)
-    friction = float(_integral(power.friction_power.sum(axis=1), time))
+    loss = trapezoid_energy(time, _losses(model, position, power))
+    friction = float(trapezoid_energy(time, power.friction_power.sum(axis=1)))
     parts = dict(zip(PARTS, [friction, *loss.tolist()], strict=True))
     constant = power.loss_dc + power.loss_grid
     return _found(time, float(time[-1]), shaft, electrical, parts, constant, position)
@@ -227,21 +228,15 @@ def _found(
     driving = np.maximum(shaft, 0.0)
     energies = Energies(
         duration,
-        _integral(shaft, time),
-        _integral(driving, time),
-        _integral(np.abs(shaft), time),
-        _integral(electrical, time),
+        trapezoid_energy(time, shaft),
+        trapezoid_energy(time, driving),
+        trapezoid_energy(time, np.abs(shaft)),
+        trapezoid_energy(time, electrical),
         parts,
-        float(_integral(constant, time)),
+        float(trapezoid_energy(time, constant)),
     )
     net, positive, drives = (power.sum(axis=1) for power in (shaft, driving, electrical))
     return energies, Curve(time, net, positive, drives, position)
-
-
-def _integral(power: Float, time: Float) -> Float:
-    """Integrate over time by trapezoids, along the first axis. [J]"""
-    step = np.diff(time)
-    return np.asarray(np.tensordot(step, 0.5 * (power[1:] + power[:-1]), axes=1))
 
 
 def _keep(powers: list[PowerBlock], output: Output) -> None:

@@ -18,6 +18,7 @@ from robot_energy_identify.stats.lag import Delay
 from robot_energy_report.canvas import COLOURS, Target, panels
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
+    counted,
     fixed,
     grouped,
     percent,
@@ -157,8 +158,9 @@ def _total(total: TotalPower, page: Document) -> None:
     place = {"GRID": "the grid", "DC_BUS": "the DC bus"}.get(total.location.name, "one place")
 
     page.rows(
-        f"Measured power at {place}, {total.readings} readings in {total.recordings} "
-        f"recordings, {total.duration:.1f} s; {HELD_OUT[total.held_out]} held out",
+        f"Measured power at {place}, {total.readings} readings in "
+        f"{counted(total.recordings, 'recording')}, {total.duration:.1f} s; "
+        f"{HELD_OUT[total.held_out]} held out",
         [
             Column("prediction", lambda entry: TOTAL_NAMES[entry[0]]),
             Column("RMS", lambda entry: entry[1].rms, fixed(2), "W"),

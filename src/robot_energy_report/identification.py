@@ -15,6 +15,7 @@ from robot_energy_identify.cabinet.cabinet import CabinetFit, Level
 from robot_energy_identify.cabinet.dc_link import LinkFit
 from robot_energy_identify.cabinet.fan import UNTIL_IT_RUNS
 from robot_energy_identify.cabinet.supply import CabinetReport
+from robot_energy_identify.cabinet.thermometers import REST_FIRST
 from robot_energy_identify.friction.friction import FrictionFit
 from robot_energy_identify.friction.hold import HoldFit
 from robot_energy_identify.friction.laws import fitted_laws
@@ -314,6 +315,8 @@ def losses_section(fit: CabinetFit, page: Document) -> None:
             f"a fan takes {uncertain(fan.power, fan.std)} W once the warmest motor is above "
             f"{uncertain(fan.on_above_degc, fan.on_std)} degC: {shown}"
         )
+        if fan.thermometers is None:
+            page.note(f"which motor is the warmest is not sure: thermometers differ; {REST_FIRST}")
     elif fit.fan_reason:
         page.note(f"fan: {fit.fan_reason}")
 

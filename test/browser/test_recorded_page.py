@@ -75,6 +75,17 @@ def test_energy_and_mean_power_are_of_the_same_time(window, recording, tmp_path)
     assert "Wh" not in window.text("lines-note")
 
 
+def test_a_prediction_that_is_not_compared_yet_is_explained(window, recording, tmp_path):
+    state = recording[0].state()
+    path = tmp_path / "page.html"
+    for value, explained in ((3600.0, False), (None, True)):
+        state["robots"][0]["registers"]["predicted_energy_at_meter"] = value
+        path.write_text(saved_page(state), encoding="utf-8")
+        window.open(path.as_uri())
+        window.wait(READY, "the figures")
+        assert ("a meter that lags" in window.text("registers-note")) == explained
+
+
 @pytest.mark.parametrize("mode", ["energy_flow", "flow"])
 def test_the_flow_balances_as_it_is_drawn(opened, mode):
     opened.click(f"[data-flow={mode}]")

@@ -8,13 +8,16 @@ from scipy.integrate import quad
 
 from robot_energy.certainty.deviation import energy_variances
 from robot_energy.foundation.errors import MotionError, UnknownJointError
+from robot_energy.model import load
 from robot_energy.model.figure import Figure, PositiveFigure
 from robot_energy.model.payload import payload
 from robot_energy.model.schema import CabinetFan
+from robot_energy.physics.rigid_body import Robot
 from robot_energy.pipeline import EnergyPipeline
 from robot_energy.timeline.blocks import Phase, Quality, TemperatureBlock
 from robot_energy_plan.motion import MotionLimits, Program
 from robot_energy_plan.motion.planned import SampledMotion, repeated
+from robot_energy_plan.motion.ptp_file import ProgramFile, program_for
 from robot_energy_plan.prediction import START_NS, predict
 from robot_energy_plan.results.prediction import FrictionReach, prediction_report
 from robots import G, figure, joint_block, one_wheel, two_link
@@ -62,6 +65,7 @@ def test_a_fan_takes_its_power_at_a_motor_temperature_above_its_start(degc, runs
     figures = {"power": (12.0, PositiveFigure), "on_above_degc": (45.0, Figure),
                "hysteresis": (5.0, PositiveFigure)}  # fmt: skip
     fan = CabinetFan(**{key: kind(value=value, **known) for key, (value, kind) in figures.items()})
+    fan = fan.model_copy(update={"thermometers": (9.0,)})  # of readings, which a plan has not
     model = one_wheel()
     other = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
     before, after = (predict(one, wheel(1.0), degc) for one in (model, other))
@@ -208,6 +212,19 @@ def test_the_use_of_limits_as_worked_out_by_hand():
     assert "of its torque limit" in problems[2]
 
 
+@pytest.mark.parametrize(
+    ("unit", "last", "asked"), [("deg", 1.57, True), ("deg", 40.0, False), ("rad", 1.57, False)]
+)
+def test_a_program_in_radians_that_says_degrees_is_asked_about(unit, last, asked):
+    limits = Robot.from_model(load("kr16")).limits
+    via = [dict.fromkeys(limits.joint_names, 0.0), dict.fromkeys(limits.joint_names, 0.5)]
+    via[1][limits.joint_names[-1]] = last
+    file = ProgramFile(schema_version=1, motion="point_to_point", angle_unit=unit, via=via)
+    notes = program_for(file, limits, "moves").notes
+    said = "no joint of moves is further than 1.57 deg from zero: is its angle_unit rad?"
+    assert (said in notes) is asked
+
+
 def test_times_in_milliseconds_are_asked_about():
     def asked(speed):
         bounds = (np.full(2, -9.0), np.full(2, 9.0), np.full(2, speed), np.full(2, 2.0))
@@ -219,10 +236,9 @@ def test_times_in_milliseconds_are_asked_about():
     (note,) = asked(0.01)  # of 4 rad/s
     assert note.startswith("no joint is faster than 0.25 % of its speed limit")
     assert not asked(1.0)
-    assert not any(
-        "in seconds?" in one
-        for one in prediction_report(predict(two_link(), _rest(1.0), 25.0)).notes
-    )
+    resting = prediction_report(predict(two_link(), _rest(1.0), 25.0)).notes
+    assert "no joint moves: this is the energy of holding one pose" in resting
+    assert not any("in seconds?" in one for one in resting)
 
 
 def test_temperatures_that_no_law_covers_are_said():

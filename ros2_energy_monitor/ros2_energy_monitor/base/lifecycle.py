@@ -13,6 +13,7 @@ from __future__ import annotations
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -20,6 +21,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rosgraph_msgs.msg import Clock
 
 from robot_energy.foundation.errors import ParameterError, RobotEnergyError
+from robot_energy.foundation.shown_text import shown
 from robot_energy.timeline.stamps import is_valid_time
 from ros2_energy_monitor.base.entities import EntitySnapshot
 from ros2_energy_monitor.base.guard import Guard
@@ -52,6 +54,8 @@ class ManagedNode(LifecycleNode, ABC):
         self.guard = Guard(name, options.get("context"))
         self.bad_clocks = 0
         super().__init__(name, **options)
+        service = self._service_change_state
+        service.callback = partial(self._asked, service.callback)
         self.active = False
         self.outdated = False
         self._is_configured = False
@@ -244,6 +248,22 @@ class ManagedNode(LifecycleNode, ABC):
         return self._run("shut down", end)
 
     on_error = on_cleanup  # after an error of the program
+
+    def _asked(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Answer a transition that this state does not have: rclpy raises, and never answers."""
+        known = {
+            transition[0]: transition[1] for transition in self._state_machine.available_transitions
+        }
+        wanted = request.transition.label or request.transition.id
+        if wanted in known or wanted in known.values():
+            return change(request, response)
+        expected = ", ".join(f"{label} ({number})" for number, label in known.items())
+        self.get_logger().error(
+            f"{self.get_name()} is {self.state} and has no transition {shown(str(wanted))}; "
+            f"expected one of {expected}"
+        )
+        response.success = False
+        return response
 
     def _stop(self) -> None:
         if self.active:

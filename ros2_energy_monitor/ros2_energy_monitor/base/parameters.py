@@ -197,10 +197,16 @@ def folder_of(parameter: str) -> Path | None:
     Args:
         parameter: A path; ``$ROS_HOME`` at its beginning stands for that variable, or for
             ``~/.ros`` where it is not set. ``none`` for no folder, as empty.
+
+    Raises:
+        ParameterError: If it names a variable that is not set.
     """
     if parameter in ("", NO_FOLDER):
         return None
     home = os.environ.get("ROS_HOME") or "~/.ros"
     if parameter == ROS_HOME or parameter.startswith(f"{ROS_HOME}/"):
         parameter = home + parameter[len(ROS_HOME) :]
-    return Path(parameter).expanduser()
+    path = os.path.expandvars(parameter)
+    if "$" in path:
+        raise ParameterError(f"the folder '{path}' names a variable that is not set", "a path")
+    return Path(path).expanduser()

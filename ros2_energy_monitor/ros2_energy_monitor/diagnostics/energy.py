@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -31,7 +32,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Quality
 from robot_energy.timeline.stamps import sentence_of
 from robot_energy.timeline.streams import EpochSplitter
 from robot_energy_report.page.alarms import OUTSIDE_FIT, QUALITY_REMEDIES
-from ros2_energy_monitor.base.inbox import Inbox
+from ros2_energy_monitor.base.inbox import INACTIVE, Inbox
 from ros2_energy_monitor.diagnostics.inputs import InputWatch, accounting
 from ros2_energy_monitor.diagnostics.reporter import (
     ERROR,
@@ -221,6 +222,7 @@ def temperature_source(
         old = (latest.temperature_stamp_ns[0] < oldest_ns) | (silence > stale_after)
         in_use = np.where(old, math.nan, given).tolist()
         absent = [inbox for inbox in inboxes if not inbox.received and not inbox.publishers]
+        refused = ingest.rejections.rejected - Counter({INACTIVE: ingest.rejections.received})
         found.values |= {
             "input_age_s": min(ages, default=math.nan),
             "input_publishers": sum(inbox.publishers for inbox in inboxes),
@@ -240,8 +242,8 @@ def temperature_source(
             sentence = f"temperature_sources is empty: {fallback}"
             found.notes.append(sentence)
             found.remarks.append(sentence)
-        elif unknown and ingest.rejections.rejected and not ingest.rejections.accepted:
-            worst = ingest.rejections.rejected.most_common(1)[0][0]
+        elif unknown and refused and not ingest.rejections.accepted:
+            worst = refused.most_common(1)[0][0]
             found.add(
                 WARN,
                 f"every message on {topics} is rejected as {worst}; {fallback}",

@@ -86,6 +86,10 @@ class RecorderParameters:
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
 MEGABYTE = 2**20
+ONE_NAME = (
+    "a robot without a namespace is called robot, as that of the namespace /robot: one of them is "
+    "not recorded; give the first a namespace"
+)
 LATE = 30.0  # a write that takes longer is said [s]
 STATUSES = 4000  # diagnostic messages that wait
 STATUS_PERIOD = 5.0  # between two looks at them, of each node at the newest [s]
@@ -213,6 +217,8 @@ class EnergyRecorder(ManagedNode):
 
     def _add(self, namespace: str) -> None:
         name = namespace.strip("/") or "robot"
+        if name in self._robots and self._robots[name].namespace != namespace.strip("/"):
+            self.get_logger().warning(ONE_NAME, once=True)
         if self.store is None or name in self._robots:
             return
         if len(self._robots) >= MAX_ROBOTS:

@@ -210,8 +210,9 @@ class RecordedRobot:
 
     def __init__(self, node: Node, namespace: str, store: HistoryStore) -> None:
         self._node, self._store = node, store
-        self.name = namespace.strip("/") or "robot"
-        self._prefix = f"/{namespace.strip('/')}/" if namespace.strip("/") else "/"
+        self.namespace = namespace.strip("/")
+        self.name = self.namespace or "robot"
+        self._prefix = f"/{self.namespace}/" if self.namespace else "/"
         topic = f"{self._prefix}{REGISTERS_TOPIC}"
         self._inbox = Inbox(node, EnergyRegisters, topic, reliable(DEPTH), renew_after=SILENCE)
         self._played = PlayedRecording([self._inbox])

@@ -403,7 +403,11 @@ class NewestMinute:
         return self._sums
 
     def newest(self, time: float) -> Sums:
-        """Over the newest whole seconds that make so much compared time. [s]"""
+        """Return the sums over the newest seconds.
+
+        Args:
+            time: Compared time that they make at least, where there is as much. [s]
+        """
         found: Sums = [0, 0, 0]
         for _, sums in reversed(self.seconds):
             if found[0] * NANOSECOND >= time:

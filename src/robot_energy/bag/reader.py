@@ -219,14 +219,12 @@ class BagReader:
         for file in sorted(self.path.glob("*.bag")):  # of ROS 1, which says what to do
             open_file(file, self._report)
         bags = {file.parent for end in ("mcap", "db3") for file in self.path.glob(f"*/*.{end}")}
-        if bags:
-            raise BagError(
-                f"{self.path} holds no bag, but its folders do",
-                "one bag",
-                f"name one, such as {min(bags)}, or use `robot-energy fleet run` for all",
-            )
         raise BagError(
-            f"{self.path} holds no bag", "a folder with .mcap or .db3 files", "check the path"
+            f"{self.path} holds no bag",
+            "a folder with .mcap or .db3 files",
+            f"name one in it, such as {min(bags)}; `robot-energy fleet run` takes all"
+            if bags
+            else "check the path",
         )
 
     def _listed(self, info: FolderInfo) -> list[Source]:

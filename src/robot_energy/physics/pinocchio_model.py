@@ -110,8 +110,10 @@ def check_mass(model: pin.Model, joint_names: Sequence[str], mass: Sequence[floa
 def attach(model: pin.Model, body: Payload) -> None:
     """Add a rigid body to the joint that carries a link."""
     if not model.existFrame(frame_of(body.link), pin.FrameType.BODY):
+        links = [one.name[1:] for one in model.frames if one.type == pin.FrameType.BODY]
         raise RobotDescriptionError(
-            f"the payload sits on the link '{body.link}' that the URDF lacks", "a link of the URDF"
+            f"the payload sits on the link '{body.link}' that the URDF lacks",
+            f"one of {', '.join(links)}",
         )
     frame = model.frames[model.getFrameId(frame_of(body.link), pin.FrameType.BODY)]
     inertia = pin.Inertia.Zero()  # its constructor refuses moments a rounding below zero

@@ -21,6 +21,7 @@ from robot_energy_identify.thermal.gear import MAX_OFFSET
 BEGIN_NS = 10_000_000_000  # of a recording, whose readings count
 WARMER = 10.0  # K between two begins
 AGREE = 1.5  # K by which one thermometer may differ between them
+REST_FIRST = f"begin two recordings after hours at rest, one of them {WARMER:g} K warmer"
 NOISE = 0.3  # K, of readings of whole kelvins at one begin
 
 
@@ -32,38 +33,31 @@ class Thermometers(Described):
 
 
 def thermometers_of(recordings: Sequence[Recording]) -> Thermometers | None:
-    """Return the errors of thermometers that recordings show; None where they do not.
-
-    Args:
-        recordings: At least one.
-    """
-    first = {part.path: part for part in reversed(recordings)}.values()
-    begins = [
-        part.power.motor_temperature_degc[part.power.stamp_ns < part.power.stamp_ns[0] + BEGIN_NS]
-        for part in first
-    ]
-    means = np.array([begin.mean(axis=0) for begin in begins])
-    return errors_of(means)
+    """Return the errors of thermometers that recordings show; None where they do not."""
+    begins: list[Float] = []
+    for part in {part.path: part for part in reversed(recordings)}.values():
+        stamp, degc = part.power.stamp_ns, part.power.motor_temperature_degc
+        read = (stamp < stamp[0] + BEGIN_NS) & np.isfinite(degc).all(axis=1)
+        if read.any():
+            begins.append(degc[read].mean(axis=0))
+    return errors_of(np.array(begins)) if begins else None
 
 
 def errors_of(begins_degc: Float) -> Thermometers | None:
     """Return the errors of thermometers by their readings at begins, see `thermometers_of`.
 
     Args:
-        begins_degc: NaN where unknown, shape (R, n). [degC]
+        begins_degc: Shape (R, n), R >= 1. [degC]
     """
-    known = begins_degc[np.isfinite(begins_degc).all(axis=1)]
-    if not len(known):
-        return None
-    level = known.mean(axis=1)
-    apart = known - level[:, None]
+    level = begins_degc.mean(axis=1)
+    apart = begins_degc - level[:, None]
     coldest = int(np.argmin(level))
     same = np.abs(apart - apart[coldest]).max(axis=1) <= AGREE
     error = apart[same].mean(axis=0)
     if np.ptp(level[same]) < WARMER or np.abs(error).max() > MAX_OFFSET:
         return None
     free = same.sum() - 1
-    scatter = ((apart[same] - error) ** 2).sum() / max(free * (known.shape[1] - 1), 1)
+    scatter = ((apart[same] - error) ** 2).sum() / max(free * (begins_degc.shape[1] - 1), 1)
     return Thermometers(
         tuple(np.round(error, 2).tolist()), float(np.sqrt(max(scatter, NOISE**2) / same.sum()))
     )

@@ -40,6 +40,12 @@ class Finding(Described):
         "Causes that explain it as well; ``bodies``: further off than the model says.",
     ] = ()
 
+    @property
+    def option(self) -> str:
+        """The option of a command that stands for the line of YAML and counts before it."""
+        meaning = re.search(r"effort_meaning: (\w+)", self.remedy)
+        return f", or --effort {meaning[1]}" if meaning else ""
+
 
 class CheckResult(Described):
     """All findings of one recording with one model."""

@@ -31,7 +31,14 @@ FAR_STEP = 0.1  # s
 APART = 5.0  # times the usual step, beyond which samples or readings do not follow each other
 LEAST_RATIO = 0.1  # of meter and prediction, below which one of them is wrong
 MAX_EXCESS = 2.0  # of the meter over the prediction
-BODIES = ("joint_sign", "zero_offset", "joint_order", "payload", "gear_ratio")  # spoil predictions
+BODIES = (
+    "joint_sign",
+    "zero_offset",
+    "joint_order",
+    "payload",
+    "gear_ratio",
+    "other_robot",
+)  # spoil predictions
 TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 

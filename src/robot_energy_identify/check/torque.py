@@ -17,8 +17,11 @@ from typing import Annotated
 import numpy as np
 
 from robot_energy.foundation.described import Described
+from robot_energy.model import RobotModel, load, shipped_models
+from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.effort import MAX_FACTOR, MIN_CORRELATION
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.physics.rigid_body import Robot
+from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import (
@@ -172,6 +175,8 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
     if not fit.known.any():
         return [], f"no joint has {LEAST} with an acceleration"
     found, last, unseen = search(fit)
+    if found and (other := _other_robot(evidence, last)) is not None:
+        return [other], ""
     alone = [TorqueFit(part) for part in parts]
     findings = [
         _finding(evidence, one, last)
@@ -189,6 +194,45 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
         what, why = f"the torque of {', '.join(unknown)}", f"less than {LEAST}"
         findings.append(unjudged("torque", unknown, what, why))
     return findings, ""
+
+
+def _other_robot(evidence: Evidence, last: TorqueFit) -> Finding | None:
+    """The shipped model with the same joint names that explains the torque better than any cause.
+
+    Robots of one maker have the same joint names in every size.
+    """
+    costs: dict[str, float] = {}
+    for name in shipped_models():
+        model = load(name)
+        if model.joint_names == evidence.names and model.robot.type != evidence.model.robot.type:
+            factor = _effort_factor(evidence.effort, model) / _effort_factor(
+                evidence.effort, evidence.model
+            )
+            drivetrain, robot = Drivetrain.from_model(model), Robot.from_model(model)
+            torque = factor * evidence.motor_torque
+            other = replace(
+                evidence, model=model, robot=robot, drivetrain=drivetrain, motor_torque=torque
+            )
+            costs[name] = TorqueFit(other.thinned()).cost
+    best = min(costs, key=lambda name: costs[name], default="")
+    if not best or not last.cost - costs[best] > NEEDED:
+        return None
+    return Finding(
+        "other_robot", ERROR, evidence.names,
+        f"the torque is that of the shipped model {best}, which has the same joint names, and not "
+        f"of {evidence.model.robot.type}: no single mistake explains it as well",
+        last.cost - costs[best], f"take --model {best}, or a model that began with it",
+    )  # fmt: skip
+
+
+def _effort_factor(effort: EffortMeaning, model: RobotModel) -> Float:
+    """Motor torque of each joint over the effort of this meaning, shape (n,)."""
+    if effort is EffortMeaning.MOTOR_CURRENT:
+        return np.array([one.torque_constant.value if one.torque_constant else np.nan
+                         for one in model.joints])  # fmt: skip
+    if effort is EffortMeaning.JOINT_TORQUE:
+        return np.array([1.0 / joint.gear_ratio.value for joint in model.joints])
+    return np.ones(len(model.joints))
 
 
 def _fitting_meanings(evidence: Evidence) -> Iterator[Finding]:

@@ -70,7 +70,9 @@ def shared_bus(
         [models] if isinstance(models, str | Path | RobotModel) else list(models)
     )
     if not 2 <= len(motions) <= MAX_ROBOTS:
-        raise MotionError(f"{len(motions)} motions were named", f"2 to {MAX_ROBOTS}, one a robot")
+        raise MotionError(
+            f"the number of motions is {len(motions)}", f"2 to {MAX_ROBOTS}, one for each robot"
+        )
     if len(named) not in (1, len(motions)):
         raise MotionError(
             f"{len(named)} models for {len(motions)} robots", "one for all, or one for each"

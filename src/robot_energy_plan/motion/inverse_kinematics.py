@@ -190,12 +190,13 @@ class InverseKinematics:
                 f"{point} {how}: it lies {away:.4g} m from {name}, reach {reach:.4g} m",
                 "points that the tool reaches in this orientation, clear of stretched "
                 "configurations",
-                "move the work piece, or begin with another configuration",
+                "move the work piece (--base), or begin with another configuration "
+                "(--start-position)",
             )
         return MotionError(
             f"{point} lies {away:.4g} m from {name}",
             f"{least:.4g} to {reach:.4g} m, the reach of {self.link}",
-            "move the work piece or the robot",
+            "move the work piece or the robot (--base)",
         )
 
 

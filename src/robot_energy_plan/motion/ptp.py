@@ -10,17 +10,16 @@ the motion lasts ``jerk_time`` longer. With ``jerk_time = 0`` it is the plain tr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Annotated, Protocol, Self
+from typing import Annotated, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import MotionError
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import Float, Int
+from robot_energy.timeline.blocks import Float, Int, Rows
 
 DEFAULT_JERK_TIME = 0.05  # s
 LIMIT_TOLERANCE = 1e-9  # rad or m
@@ -109,23 +108,7 @@ class MotionLimits(Described):
         )
 
 
-class ArrayRecord(Described):
-    """Base of records of arrays of one length: cutting and joining along the first axis."""
-
-    def __len__(self) -> int:
-        return len(next(iter(self.__dict__.values())))
-
-    def __getitem__(self, rows: slice | Int | NDArray[np.bool_]) -> Self:
-        return type(self)(*(values[rows] for values in self.__dict__.values()))
-
-    @classmethod
-    def concatenate(cls, parts: Iterable[Self]) -> Self:
-        """Return parts one after the other."""
-        columns = zip(*(part.__dict__.values() for part in parts), strict=True)
-        return cls(*map(np.concatenate, columns))
-
-
-class Trajectory(ArrayRecord):
+class Trajectory(Rows):
     """Joint motion at given times, joint side, shape (N, n) each."""
 
     joint_position: Annotated[Float, "[rad] or [m]"]

@@ -18,6 +18,7 @@ from robot_energy.timeline.blocks import Float
 from robot_energy_plan.motion.ptp import DEFAULT_JERK_TIME, MotionLimits, Program
 
 MAX_VIAS = 10_000
+MAX_RADIANS = 2.0 * np.pi  # that a program in radians states; one in degrees goes further
 RAMP = 0.5  # s to full speed, where nobody gave an acceleration
 DEGREE = np.pi / 180.0  # rad
 Positive = Annotated[Number, Field(gt=0)]
@@ -105,6 +106,12 @@ def program_for(file: ProgramFile, limits: JointLimits, name: str = "the program
         raise MotionError(
             f"{name}: the URDF gives no velocity limit for joint '{joint}'",
             "one on every joint, as moves run at a share of it",
+        )
+    turned = np.abs(via[:, ~limits.prismatic])
+    if file.angle_unit == "deg" and 0.0 < turned.max(initial=0.0) <= MAX_RADIANS * DEGREE:
+        notes.append(
+            f"no joint of {name} is further than {turned.max() / DEGREE:.3g} deg from zero: is its "
+            "angle_unit rad?"
         )
     acceleration: Float = limits.velocity / RAMP
     if file.acceleration is None:

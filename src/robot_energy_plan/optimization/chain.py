@@ -24,8 +24,8 @@ from robot_energy.physics.drivetrain import Drivetrain, motor_standstill
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.physics.hold_torque import HoldTorque
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import NANOSECOND, Float, Int
-from robot_energy_plan.motion.ptp import ArrayRecord, MotionLimits, Profile, Program, Trajectory
+from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
+from robot_energy_plan.motion.ptp import MotionLimits, Profile, Program, Trajectory
 from robot_energy_plan.optimization.deviations import EnergyDeviations
 
 STEP = 4e-3  # s between samples
@@ -36,7 +36,7 @@ SPEEDS = np.array([10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60, 70, 80, 90, 100])
 ACCELERATIONS = np.array([5, 10, 20, 30, 45, 65, 100]) / 100  # [-]
 
 
-class Candidates(ArrayRecord):
+class Candidates(Rows):
     """Moves, each with its way of being made, shape (P,) each."""
 
     move: Int
@@ -175,7 +175,7 @@ TORQUE_SHARE = 0.95
 """Of the torque limits that a changed move may use: friction is not known exactly. [-]"""
 
 
-class Use(ArrayRecord):
+class Use(Rows):
     """What candidates or rests need; the mean over the temperatures, of P candidates."""
 
     duration: Annotated[Float, "Shape (P,). [s]"]

@@ -161,6 +161,8 @@ def _notes(result: Prediction) -> list[str]:
             f"no joint is faster than {100 * fastest:.2g} % of its speed limit: are the times of "
             "the motion in seconds?"
         )
+    if fastest == 0.0 and np.isfinite(speeds).any():
+        notes.append("no joint moves: this is the energy of holding one pose")
     samples, counts = result.account.counts.samples, result.account.counts.quality
     share = counts[int(Quality.DRIVE_EXTRAPOLATED)] / samples if samples else 0.0
     if share:

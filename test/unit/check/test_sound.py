@@ -7,14 +7,17 @@ import pytest
 
 from mistakes import mistakes, rewrite
 from places import ROOT
+from refusals import refused
+from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.api.identify import identify_friction
 from robot_energy_identify.check import check, check_together
 from robot_energy_identify.check.evidence import MAX_SAMPLES, Windows
-from sound_recordings import foreign, with_remedy, write_states
+from sound_recordings import foreign, on_the_rig, with_remedy, write_states
 
 SOUND, MODEL = ROOT / "bags/kr16_cold", load("kr16")
 MOTOR_TORQUE = EffortMeaning.MOTOR_TORQUE
@@ -50,6 +53,18 @@ def test_a_payload_of_two_kilograms_is_named_with_such_bodies(tmp_path):
     assert " +- " in found.sentence
     model, _ = with_remedy(found, one.model, tmp_path)
     assert not check(one.bag, model, one.effort).errors
+
+
+def test_a_robot_of_another_size_with_the_same_joint_names_is_named(tmp_path):
+    """One scale explains the torque of a UR5e nearly as well as the bodies of a UR5e do."""
+    one = on_the_rig("ur5e", 1, tmp_path)
+    (found,) = check(one.bag, load("ur10e"), one.effort).errors
+    assert found.cause == "other_robot"
+    assert "the shipped model ur5e" in found.sentence
+    assert "--model ur5e" in found.remedy
+    assert not check(one.bag, one.model, one.effort).errors
+    with refused(ImplausibleIdentificationError, found="ur5e", remedy="--model ur5e"):
+        identify_friction(one.bag, load("ur10e"), "motor_current")
 
 
 def test_velocities_that_are_held_blame_nothing_else(tmp_path):

@@ -130,8 +130,11 @@ def test_what_cannot_be_compared_is_refused(folder):
     month = (FIRST, FIRST + timedelta(days=40))
     with refused(HistoryError, found="weather", expected="parts"):
         history_savings(folder, "a", month, month, drivers=["weather"])
+    later = (FIRST + timedelta(days=40), "2026-03-02")
     with refused(HistoryError, found="baseline of 3 days", remedy="longer"):
-        history_savings(folder, "a", (FIRST, FIRST + timedelta(days=3)), month)
+        history_savings(folder, "a", (FIRST, FIRST + timedelta(days=3)), later)
+    with refused(HistoryError, found="in the baseline as well"):
+        history_savings(folder, "a", month, (FIRST + timedelta(days=39), "2026-03-02"))
     with refused(HistoryError, found="no reported day"):
         history_savings(folder, "a", month, ("2026-05-01", "2026-06-01"))
 

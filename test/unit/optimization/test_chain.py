@@ -55,8 +55,10 @@ def cost_of(model, made, degc=30.0):
 
 
 def with_fan(model, on_above_degc):
+    """Thermometers that are off change nothing at a temperature that is given."""
     power = PositiveFigure(value=80.0, tag="assumed", std=8.0)
-    fan = CabinetFan(power=power, on_above_degc=Figure(value=on_above_degc, tag="assumed"))
+    on, off = Figure(value=on_above_degc, tag="assumed"), (-9.0, 9.0, 0.0, 0.0, 0.0, 0.0)
+    fan = CabinetFan(power=power, on_above_degc=on, thermometers=off)
     return model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
 
 

@@ -106,6 +106,8 @@ def test_a_trajectory_comes_back_as_a_trajectory(tmp_path):
     assert (np.abs(fine.joint_velocity) <= robot.limits.velocity * (1 + 1e-6)).all()
     most = np.abs(before.joint_acceleration).max(axis=0) * 1.02
     assert (np.abs(fine.joint_acceleration).max(axis=0) <= most).all()
+    re.optimize(tmp_path / "moves.csv", MODEL, 30.0, free_rests=True).write(tmp_path / "free.csv")
+    assert read_csv_trajectory(tmp_path / "free.csv").notes == ()  # no point twice
     again = re.predict(tmp_path / "cheap.csv", MODEL, 30.0)
     assert again.energy.net == pytest.approx(found.report.after.energy, rel=5e-3)
 

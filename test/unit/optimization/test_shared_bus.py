@@ -46,7 +46,8 @@ def test_programs_in_a_common_cycle():
 def test_a_fan_takes_its_power_from_own_supplies_and_from_the_bus(motions, given):
     model = load("kr16")
     power, above = PositiveFigure(value=100.0, tag="assumed"), Figure(value=0.0, tag="assumed")
-    fan = CabinetFan(power=power, on_above_degc=above)
+    off = (99.0,) * 6  # which no thermometer shows where temperatures are given
+    fan = CabinetFan(power=power, on_above_degc=above, thermometers=off)
     with_fan = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
     old, new = (re.shared_bus(motions, one, **given).report for one in (model, with_fan))
     both = pytest.approx(2 * 100.0 * old.duration, rel=1e-6)
@@ -126,7 +127,7 @@ def test_the_command_lays_recordings_of_other_times_upon_each_other(capsys):
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(MotionError, match="one a robot"):
+    with pytest.raises(MotionError, match="one for each robot"):
         re.shared_bus([MOVES], "kr16")
     with pytest.raises(MotionError, match="recordings alone, or programs"):
         re.shared_bus([MOVES, COLD], "kr16")

@@ -1,22 +1,29 @@
 """A fan by its step in the power at rest."""
 
+import io
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.model.schema import CabinetFan
+from robot_energy.timeline.blocks import MeterLocation
 from robot_energy_identify import run_all
 from robot_energy_identify.api.identify import identify_all, identify_cabinet, identify_friction
 from robot_energy_identify.cabinet import fan as fan_module
-from robot_energy_identify.cabinet.fan import Rests, fan_of, runs_at_begin, with_begin
+from robot_energy_identify.cabinet.cabinet import CabinetFit
+from robot_energy_identify.cabinet.fan import FanFit, Rests, fan_of, runs_at_begin, with_begin
 from robot_energy_identify.drives.all_drives import DrivesReport
 from robot_energy_identify.stats.cross_validation import EnergyScore
 from robot_energy_identify.steps import Step, fan_refused
 from robot_energy_plan.motion import random_program
+from robot_energy_report.document import Document
+from robot_energy_report.identification import losses_section
+from robot_energy_report.printing import print_document
 from robot_energy_rig import RigConfig, VirtualRig, random_profile
 from robot_energy_rig.record import record
 
@@ -265,6 +272,7 @@ def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
     assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
     assert fan.on_above_degc.value == pytest.approx(23.0, abs=2.0 * fan.on_above_degc.std)
     assert found.found.losses.fan.power == fan.power.value
+    assert fan.thermometers is None  # one begin shows no thermometer
     others = ("dynamics", "friction", "drives", "capacitor", "thermal")
     untested = identify_all(bag, model, skip=others, held_out=False)
     assert untested.model.cabinet.fan is None
@@ -292,3 +300,15 @@ def test_a_fan_that_starts_in_no_recording_is_found_by_their_levels(tmp_path):
     assert fan.power.source.startswith("levels of recordings")
     assert fan.power.value == pytest.approx(30.0, abs=2.0 * fan.power.std)
     assert fan.on_above_degc.value == pytest.approx(38.0, abs=fan.on_above_degc.std)
+    off = rig(**light)._thermometer._offset
+    np.testing.assert_allclose(fan.thermometers, off - off.mean(), atol=0.6)
+
+
+@pytest.mark.parametrize(("thermometers", "says"), [(None, True), ((1.0, -1.0), False)])
+def test_the_report_says_how_to_show_which_motor_is_the_warmest(thermometers, says):
+    fan = FanFit(30.0, 1.0, 44.0, 1.6, 1, 60, thermometers)
+    fit = CabinetFit(MeterLocation.GRID, None, None, 250.0, 1.0, 150.0, 2.0, (), fan=fan)
+    page, shown = Document(), io.StringIO()
+    losses_section(fit, page)
+    print_document(page, Console(file=shown, width=400))
+    assert ("begin two recordings after hours at rest" in shown.getvalue()) is says

@@ -1,9 +1,11 @@
 """What thermometers show of motors that are equally warm."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from robot_energy_identify.cabinet.thermometers import errors_of
+from robot_energy_identify.cabinet.thermometers import errors_of, thermometers_of
 
 ERROR = np.array([-1.0, 3.0, -2.0])
 
@@ -19,7 +21,7 @@ def test_begins_of_a_robot_that_had_rested_show_what_thermometers_are_off():
 
 def test_a_begin_with_motors_warm_from_work_is_left_out():
     warm = 40.0 + ERROR + [3.0, 0.0, -3.0]
-    found = errors_of(np.vstack([20.0 + ERROR, 40.0 + ERROR, warm, [np.nan, 30.0, 30.0]]))
+    found = errors_of(np.vstack([20.0 + ERROR, 40.0 + ERROR, warm]))
     assert found.error == pytest.approx(ERROR)
 
 
@@ -30,8 +32,25 @@ def test_a_begin_with_motors_warm_from_work_is_left_out():
         [20.0 + ERROR, 29.0 + ERROR],  # warm motors may differ as much at both
         [20.0 + ERROR, 40.0 + ERROR + [3.0, 0.0, -3.0]],
         [20.0 + 2.2 * ERROR, 40.0 + 2.2 * ERROR],  # 6.6 K are no thermometer
-        [[np.nan] * 3, [np.nan] * 3],
     ],
 )
 def test_other_begins_do_not(begins):
     assert errors_of(np.array(begins)) is None
+
+
+def test_the_first_ten_seconds_of_a_recording_count_once_they_are_read():
+    """A sample every second; a motor is unknown for two, and warms up after ten."""
+
+    def part(path, degc, unknown=0.0):
+        second = np.arange(20)
+        readings = degc + ERROR + np.where(second < 10, 0.0, 9.0)[:, None] * [1.0, 0.0, 0.0]
+        readings[second < 2, 1] += unknown
+        power = SimpleNamespace(stamp_ns=second * 10**9, motor_temperature_degc=readings)
+        return SimpleNamespace(path=path, power=power)
+
+    cold, warm = part("a", 20.0, np.nan), part("b", 40.0)
+    later = part("a", 60.0 + 3.0 * ERROR)  # of a recording that began before
+    assert thermometers_of([cold, later, warm]).error == pytest.approx(ERROR)
+    assert thermometers_of([cold, later]) is None
+    assert thermometers_of([part("a", np.nan), part("b", np.nan)]) is None
+    assert thermometers_of([]) is None
