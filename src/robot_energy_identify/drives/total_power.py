@@ -239,14 +239,6 @@ class HeldOutPowers(Described):
         return energy_score(self.ways[name][rows], measured, duration, self.fold[rows])
 
 
-def compare_total(
-    data: Sums, model: RobotModel | None, fit: TotalFit | None = None
-) -> tuple[Kind, dict[str, EnergyScore]]:
-    """Return the kind and the scores of `held_out_powers`, whose arguments it takes."""
-    found = held_out_powers(data, model, fit)
-    return found.kind, found.scores()
-
-
 @one_thread
 def held_out_powers(
     data: Sums, model: RobotModel | None, fit: TotalFit | None = None

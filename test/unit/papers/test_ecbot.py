@@ -10,7 +10,7 @@ from robot_energy.foundation.errors import ReportError
 from robot_energy.foundation.files.temporary_folder import TemporaryFolder
 from robot_energy_cli.main import main
 from robot_energy_identify.drives.drive_data import drive_data_of_logs
-from robot_energy_identify.drives.total_power import compare_total
+from robot_energy_identify.drives.total_power import held_out_powers
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_logs.log_import import contents_of, open_logs
 from robot_energy_logs.mapping import load_mapping
@@ -48,8 +48,9 @@ def test_the_same_figure_as_identification_says(robots):
     data = drive_data_of_logs(
         [(contents_of(logs, mapping), [log.whole()]) for log in logs], "newton_metre"
     )
-    kind, scores = compare_total(sums(data, None), None)
-    assert kind == "recordings"
+    held_out = held_out_powers(sums(data, None), None)
+    scores = held_out.scores()
+    assert held_out.kind == "recordings"
     assert robots[1].rms == pytest.approx(scores["identified"].rms, rel=1e-9)
     assert robots[1].constant_rms == pytest.approx(scores["constant"].rms, rel=1e-9)
 

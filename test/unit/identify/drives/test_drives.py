@@ -27,7 +27,7 @@ from robot_energy_identify.drives.losses import (
     fit_losses,
     loss_columns,
 )
-from robot_energy_identify.drives.total_power import compare_total, fit_total, with_total
+from robot_energy_identify.drives.total_power import fit_total, held_out_powers, with_total
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.stats.regression import independent
 from robot_energy_logs.recording import FileAccount, LogBlock, RecordingContents, write_bag
@@ -190,8 +190,9 @@ def test_one_meter_for_all_drives_says_their_sum():
     fit = fit_total(both)
     assert fit.constant == pytest.approx(30.0 + TRUE["constant"], abs=1.0)
     assert fit.coefficients[0, 0] == pytest.approx(TRUE["copper"], rel=0.05)
-    held_out, scores = compare_total(both, None)
-    assert held_out == "recordings"
+    held_out = held_out_powers(both, None)
+    scores = held_out.scores()
+    assert held_out.kind == "recordings"
     assert scores["identified"].rms < 0.5 * scores["shaft"].rms < 0.5 * scores["constant"].rms
     assert abs(scores["identified"].worst) < 0.03  # the peaks alone are 2 % of the energy
 
@@ -199,7 +200,7 @@ def test_one_meter_for_all_drives_says_their_sum():
 def test_the_held_out_recording_does_not_reach_the_fit_of_the_meter():
     both = sums(data(1, 2), None)
     shifted = replace(both, measured=both.measured + np.where(both.recording == 1, 500.0, 0.0))
-    scores = compare_total(shifted, None)[1]
+    scores = held_out_powers(shifted, None).scores()
     assert scores["identified"].rms == pytest.approx(500.0, rel=0.1)
 
 

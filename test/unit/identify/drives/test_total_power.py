@@ -17,7 +17,6 @@ from robot_energy_identify.drives.all_drives import fan_known, fan_test, find_dr
 from robot_energy_identify.drives.drive_data import drive_data, held_energy
 from robot_energy_identify.drives.total_power import (
     STRUCTURES,
-    compare_total,
     fit_structure,
     fit_total,
     held_out_powers,
@@ -176,7 +175,7 @@ def test_energies_are_compared_with_those_of_the_whole_reading(data):
     """A fan of any constant power leaves the same errors, in W and over the same energy."""
     whole = sums(data, MODEL)
     known = replace(whole, measured=whole.measured - 50.0, fan=np.full(len(whole), 50.0))
-    score, expected = (compare_total(one, None)[1]["constant"] for one in (known, whole))
+    score, expected = (held_out_powers(one, None).score("constant") for one in (known, whole))
     assert score.energy_error == pytest.approx(expected.energy_error)
     assert score.rms == pytest.approx(expected.rms)
 
@@ -185,16 +184,17 @@ def test_blocks_that_the_fit_predicted_are_not_predicted_again(data):
     one = sums(data, MODEL)
     one = one[one.recording == 0]
     fit = fit_total(one)
-    kind, scores = compare_total(one, MODEL, fit)
-    assert (kind, scores) == compare_total(one, MODEL)
+    scores = held_out_powers(one, MODEL, fit).scores()
+    assert scores == held_out_powers(one, MODEL).scores()
     worse = {name: values + 1e3 for name, values in fit.predicted.items()}
-    changed = compare_total(one, MODEL, replace(fit, predicted=worse))[1]
+    changed = held_out_powers(one, MODEL, replace(fit, predicted=worse)).scores()
     assert {name for name in scores if changed[name] != scores[name]} == {*STRUCTURES, "identified"}
 
 
 def test_whole_recordings_are_predicted_to_a_percent(data):
-    held_out, scores = compare_total(sums(data, MODEL), MODEL)
-    assert held_out == "recordings"
+    held_out = held_out_powers(sums(data, MODEL), MODEL)
+    scores = held_out.scores()
+    assert held_out.kind == "recordings"
     assert scores["identified"].energy_error < 0.01
     assert scores["identified"].rms < 0.2 * scores["shaft"].rms < 0.2 * scores["constant"].rms
     assert scores["identified"].rms < 0.2 * scores["given"].rms
