@@ -287,10 +287,11 @@ def _sealed(bag: FleetBag, name: str, row: Row, date: str, observed_time: float)
 def register_values(account: EnergyAccount) -> tuple[int, ...]:
     """Return the registers of an account as a history has them, by `COLUMNS`."""
     exact: dict[str, Any] = exact_columns(account)
-    phases = (exact[f"phase_{unit}"][0, Phase.HOLD :] for unit in ("microjoule", "ns"))
+    phases = (exact[f"phase_{unit}"][0, Phase.HOLD :].tolist() for unit in ("microjoule", "ns"))
     joints = (exact[f"joints.{name}"].sum() for name in OF_JOINTS)
     plain = (exact[name] for name in FROM_MESSAGE)
-    return tuple(map(int, (*plain, *chain(*phases), *joints)))
+    values: tuple[Any, ...] = (*plain, *chain(*phases), *joints)
+    return tuple(map(int, values))
 
 
 def reading_of(account: EnergyAccount, model: RobotModel, minute_ns: int) -> Reading | None:

@@ -411,11 +411,15 @@ def identify_all(
             *notes_on_torque(test_parts, "in the test: "),
         ]
     with progress("identifying") as report, cause_named(lambda: fit_parts):
+
+        def shown(_: str, share: float) -> None:
+            report(share)
+
         whole = identify_everything(
             fitted,
             given,
             skip,
-            lambda _, share: report(share),
+            shown,
             refused,
             options.get("link_voltages"),
             share_shape=options.get("share_shape", False),
