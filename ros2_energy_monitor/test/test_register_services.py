@@ -41,6 +41,7 @@ from robot_energy.accounting.record import FORMAT_VERSION, AccountRecord
 from robot_energy.foundation.errors import ParameterError, StateFileError
 from robot_energy.store import slots
 from robot_energy.store.slots import unwrap
+from robot_energy_report.page.alarms import REMEDY_KEY
 from ros2_energy_monitor.base import checkpoints
 from ros2_energy_monitor.base.parameters import folder_of
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
@@ -92,7 +93,8 @@ class Observer:
 
 
 def values(status: DiagnosticStatus) -> dict[str, float]:
-    return {pair.key: float(pair.value) for pair in status.values}
+    own = (pair for pair in status.values if not pair.key.startswith(REMEDY_KEY))
+    return {pair.key: float(pair.value) for pair in own}
 
 
 def asked(bench, node, kind: Any, service: str, /, **fields: Any) -> Any:

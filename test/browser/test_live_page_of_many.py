@@ -23,7 +23,7 @@ def page():
     for number in range(60):
         robot = hub.robot(f"cell{number // 10}/r{number:02d}")
         robot.take_power(power_states([1.0], [100.0 + number]), 0.0)
-        robot.take_registers(registers(360_000.0 * number))
+        robot.take_registers(registers(10.0 * (100.0 + number)))  # of ten seconds
 
     def go_on():
         while not ended.wait(0.1):

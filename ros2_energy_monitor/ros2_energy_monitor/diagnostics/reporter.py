@@ -25,7 +25,7 @@ from rclpy.node import Node
 from robot_energy.foundation.shown_text import MAX_LINE, shown, shown_lines
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.stamps import bounded
-from robot_energy_report.page.alarms import REMEDY
+from robot_energy_report.page.alarms import REMEDY_KEY
 
 Number = float | int
 Value = Number | str
@@ -111,7 +111,7 @@ class Reporter:
     def _status(self, found: StatusBuilder, hardware_id: str) -> DiagnosticStatus:
         values = [(shown(key), _text(value)) for key, value in found.values.items()]
         remedies = enumerate(found.remedies, 1)
-        values += [(f"{REMEDY}{number}", shown(text, MAX_LINE)) for number, text in remedies]
+        values += [(f"{REMEDY_KEY}{number}", shown(text, MAX_LINE)) for number, text in remedies]
         values.append(("findings", str(len(found))))
         return DiagnosticStatus(
             level=found.level,

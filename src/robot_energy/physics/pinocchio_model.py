@@ -113,7 +113,7 @@ def attach(model: pin.Model, body: Payload) -> None:
         links = [one.name[1:] for one in model.frames if one.type == pin.FrameType.BODY]
         raise RobotDescriptionError(
             f"the payload sits on the link '{body.link}' that the URDF lacks",
-            f"one of {', '.join(links)}",
+            f"one of its links {', '.join(links)}",
         )
     frame = model.frames[model.getFrameId(frame_of(body.link), pin.FrameType.BODY)]
     inertia = pin.Inertia.Zero()  # its constructor refuses moments a rounding below zero

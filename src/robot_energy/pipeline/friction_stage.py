@@ -64,9 +64,9 @@ class FrictionStage:
 
     @property
     def refused(self) -> str:
-        """That more than a tenth of the values were no temperature or jumped; empty if not."""
+        """That more than a tenth of values jumped or were no temperature, others were; or empty."""
         counts = [self.rejections.rejected[REASONS[one]] for one in DOUBTS]
-        if sum(counts) <= MAX_REFUSED * self.rejections.received:
+        if not self.rejections.accepted or sum(counts) <= MAX_REFUSED * self.rejections.received:
             return ""
         return (
             f"of {self.rejections.received} values of motor temperatures {counts[0]} jumped and "

@@ -61,7 +61,7 @@ QUALITY_REMEDIES: dict[Quality, tuple[str, str]] = {
     ),
 }
 OUTSIDE_FIT = "outside_fit."  # keys of a status that names motors outside their friction law
-REMEDY = "remedy."  # keys of a status that hold what to do about one of its findings each
+REMEDY_KEY = "remedy."  # keys of a status that hold what to do about one of its findings each
 SUBJECT_REMEDIES = {
     "joint states": "check the driver, its topic and its rate (ros2 topic hz); if messages are "
     "lost, raise joint_state_depth",
@@ -90,13 +90,13 @@ class PageFinding(Described):
         word = LEVELS[level] if 0 <= level < len(LEVELS) else "ERROR"
         subject = name.rpartition(": ")[2]
         remedy = "" if word == "OK" else SUBJECT_REMEDIES.get(subject, "read the log of the node")
-        own = [text for key, text in values.items() if key.startswith(REMEDY)]
+        own = [text for key, text in values.items() if key.startswith(REMEDY_KEY)]
         for text in own:
             message = message.replace(f"{text}: ", "", 1)
         if own:
             general = () if values.get("findings") == str(len(own)) else (remedy,)
             remedy = shown("; ".join(dict.fromkeys((*general, *own))), MAX_LINE)
-        few = [pair for pair in values.items() if not pair[0].startswith(REMEDY)][:MAX_VALUES]
+        few = [pair for pair in values.items() if not pair[0].startswith(REMEDY_KEY)][:MAX_VALUES]
         return cls(
             word,
             shown(name),

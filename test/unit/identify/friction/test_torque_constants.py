@@ -217,7 +217,7 @@ def test_a_loss_map_has_knots_of_that_current():
 
 
 def test_held_out_torque_is_compared_at_the_shaft():
-    """Half is left: 3.5 N m for a second at 40 rad/s, whose samples have a full window."""
+    """Half is left: 3.5 N m at 40 rad/s for half a second, both ends with a full window."""
     bag = SimpleNamespace(name="soaked", spans=(EVER,))
     bag.whole = lambda model: recording_of(model, 120.0)
     bag.read = lambda model: [bag.whole(model)]
@@ -225,7 +225,7 @@ def test_held_out_torque_is_compared_at_the_shaft():
     fitted = FullIdentification(wheel(), (Step("friction", None, "", falling(0.005)),))
     (entry,) = held_out_energy("test", [Fold((bag,), (bag,))], fitted).tested
     np.testing.assert_allclose(entry.motor_torque, 3.5, rtol=1e-15)
-    assert entry.shaft == pytest.approx(3.5 * 40.0)
+    assert entry.shaft == pytest.approx(3.5 * 40.0 * 0.5) == pytest.approx(entry.shaft_either_way)
     friction = COULOMB + viscous(120.0) * 40.0
     for stage, read in (("given", 7.0), ("friction", 3.5)):
         expected = (read - friction) / read
