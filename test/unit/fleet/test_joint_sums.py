@@ -55,7 +55,7 @@ def run(
         rig.change(payload=[payload(body.link, mass, body.centre_of_mass, body.inertia)])
     pipeline = pipeline_of(MODEL, Learning.OBSERVE, True)
     sums, hours = JointSums(MODEL), HourSums()
-    pipeline.account.on_reading = lambda ns: hours.take(pipeline.account, ns)
+    pipeline.account.on_reading = lambda ns: hours.take(pipeline.account)
     output = rig.step(round(seconds * rate))
     joints = joint_block(output.joints)
     size = len(joints)
@@ -67,7 +67,7 @@ def run(
         )
         sums.take(found)
     sums.take(pipeline.flush())
-    hours.take(pipeline.account, 0)
+    hours.take(pipeline.account)
     return sums, hours, pipeline
 
 
