@@ -103,7 +103,9 @@ RUNS: Columns = {
     "name": TableColumn(TEXT, "", "hashes of the bag's address, of its state, of the settings"),
     "key": TableColumn(TEXT, "", "hash of bag, model, options and version; unique once read"),
     "bag": TableColumn(TEXT, "", "address of the bag"),
-    "bag_hash": TableColumn(TEXT, "", "first 12 digits of the SHA-256, as in models; null if unreadable"),
+    "bag_hash": TableColumn(
+        TEXT, "", "first 12 digits of the SHA-256, as in models; null if unreadable"
+    ),
     "robot": TableColumn(TEXT, "", "name of the robot in the fleet"),
     "date": TableColumn(TEXT, "", "UTC day of the first sample"),
     "programme": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
