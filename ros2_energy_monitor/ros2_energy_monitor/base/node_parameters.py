@@ -208,8 +208,8 @@ class DashboardParameters:
         "File with prices, emission factor and length of a shift; empty for none.", ""
     )
     history_folder: str = parameter(
-        "Folder of the history that energy_recorder writes; variables such as $HOME are read. none: "
-        "no history is shown.",
+        "Folder of the history that energy_recorder writes; variables such as $HOME are read. "
+        "none: no history is shown.",
         "$ROS_HOME/robot_energy/history",
     )
 
