@@ -148,6 +148,22 @@ def test_names_with_a_prefix_are_said_with_the_line_that_fits(bench, messages, b
     diagnosed.wait(name, f"set joint_states.joint_names to [{names}]: ")
 
 
+def test_a_driver_that_stops_next_to_a_gripper_is_to_be_started(bench, messages):
+    """Messages of a gripper go on; the names of the arm were right."""
+    node = bench.add(TorqueMonitor, model="kr16")
+    diagnosed, name = bench.diagnosed(), "torque_monitor: joint states"
+    publisher = bench.publisher(JointState, "joint_states")
+    gripper = JointState(name=["gripper"], position=[0.0])
+    for message in messages["/joint_states"][:50]:
+        publisher.publish(message)
+        publisher.publish(gripper)
+    bench.spin_until(lambda: node.joint_states.received == 100, "all of them")
+    diagnosed.wait_anew(name, "no joint state for")
+    publisher.publish(gripper)
+    words = "start the driver or set joint_states.topics: all 1 messages on /joint_states rejected"
+    assert "joint_names" not in diagnosed.wait(name, words).message
+
+
 def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
     bench.add(EnergyMonitor, model="kr16", state_folder="")
     diagnosed = bench.diagnosed()

@@ -21,7 +21,7 @@ from robot_energy.accounting.registers import Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.inputs.sources import names_remedy
+from robot_energy.inputs.sources import fitting_names, names_remedy
 from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -118,7 +118,10 @@ def joint_state_source(
     def remedy_of(reason: str) -> str:
         if not ingest.samples:  # a finding of its own
             return ""
-        return names() if reason == "unknown_joint" else JOINT_STATE_REMEDIES.get(reason, "")
+        if reason == "unknown_joint":  # the driver has new names, or only a gripper is left
+            fits = fitting_names(tuple(ingest.ages), ingest.ignored_joints)
+            return names() if fits else NO_STATES
+        return JOINT_STATE_REMEDIES.get(reason, "")
 
     watches = [
         InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedy_of=remedy_of)
