@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +28,14 @@ from ros2_energy_msgs.msg import (
 from sensor_msgs.msg import JointState, Temperature
 
 import robot_energy
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import Identity
 from robot_energy.foundation.errors import ModelFileError, ParameterError
+from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.timeline.blocks import Quality
 from ros2_energy_monitor.base.parameters import parameter_lines
 from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.diagnostics.energy import energy_source
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
@@ -129,6 +134,26 @@ def test_a_power_that_is_not_known_is_said_while_it_is_so(bench, messages):
     diagnosed.wait_anew(name, "no publisher on /power_meter")
     assert "not known" not in diagnosed[name].message
     assert node.account.counts.quality[Quality.NOT_FINITE] == 1
+
+
+def test_powers_of_another_account_are_not_those_of_the_last_second():
+    """A recording that is played begins and ends, and registers are read late."""
+    account = EnergyAccount(6)
+    findings = energy_source(account, [], MeterIngest(), 1.0)
+    account.counts.quality[Quality.NOT_FINITE] += 1
+    assert "not known" in findings().message
+    record = account.state(
+        Identity(robot_type="arm", robot_serial="7", joint_names=tuple(JOINTS), model_id="m1")
+    )
+    for change in (
+        account.begin,
+        partial(account.resume, record),
+        partial(account.precede, record),
+    ):
+        change()
+        assert "not known" not in findings().message
+    account.counts.quality[Quality.NOT_FINITE] += 1
+    assert "not known" in findings().message
 
 
 @pytest.mark.parametrize("before", [0, 50])

@@ -376,10 +376,14 @@ def energy_source(
         for name, inbox in zip(names, meter, strict=False)
     ]
 
-    watch_of_time, unknown_before = TimeWatch(), account.counts.quality[Quality.NOT_FINITE]
+    def unknown_of() -> tuple[object, int, int]:
+        """What tells one account from the next, and its samples without a power."""
+        return account.counts, account.restarts, account.counts.quality[Quality.NOT_FINITE]
+
+    watch_of_time, before = TimeWatch(), unknown_of()
 
     def findings() -> StatusBuilder:
-        nonlocal unknown_before
+        nonlocal before
         found = StatusBuilder("energy")
         for check in inputs:
             check(found)
@@ -413,10 +417,10 @@ def energy_source(
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
         }
-        unknown = account.counts.quality[Quality.NOT_FINITE]
-        if unknown > unknown_before:
+        now = unknown_of()
+        if now[:2] == before[:2] and now[2] > before[2]:
             found.add(WARN, NOT_KNOWN)
-        unknown_before = unknown
+        before = now
         for sentence in account.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found
