@@ -377,7 +377,7 @@ def energy_source(
     ]
 
     def unknown_of() -> tuple[object, int, int]:
-        """What tells one account from the next, and its samples without a power."""
+        """The start of the account, which the next does not share, and its samples without a power."""
         return account.counts, account.restarts, account.counts.quality[Quality.NOT_FINITE]
 
     watch_of_time, before = TimeWatch(), unknown_of()
