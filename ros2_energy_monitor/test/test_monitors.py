@@ -92,7 +92,11 @@ def test_a_missing_friction_monitor_is_said(bench):
 @pytest.mark.parametrize(
     ("topic", "words"),
     [
-        ("joint_states", "topic '/joint_states' cannot be read as MotorTemperatures; expected a"),
+        (
+            "joint_states",
+            "topic '/joint_states' cannot be read as MotorTemperatures: another input reads it as "
+            "JointState; expected a",
+        ),
         ("motors of the arm", "'motors of the arm' cannot be the name of a topic; expected le"),
     ],
 )
