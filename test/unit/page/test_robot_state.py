@@ -11,7 +11,7 @@ from robot_energy.timeline.blocks import Quality
 from robot_energy_report.page.alarms import (
     OUTSIDE_FIT,
     QUALITY_REMEDIES,
-    REMEDY,
+    REMEDY_KEY,
     SUBJECT_REMEDIES,
     PageFinding,
 )
@@ -129,7 +129,7 @@ def test_an_extrapolation_is_one_alarm_with_motor_range_and_remedy(state):
     bits = np.uint32(Quality.EXTRAPOLATED)
     remedy = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
     said = "the motor of a1 is at 66.2 degC, fitted from 22 to 63 degC"
-    values = {f"{OUTSIDE_FIT}a1": "66.2 degC", f"{REMEDY}1": remedy, "findings": "1"}
+    values = {f"{OUTSIDE_FIT}a1": "66.2 degC", f"{REMEDY_KEY}1": remedy, "findings": "1"}
     name = "friction_monitor: motor temperatures"
     finding = PageFinding.of_status(1, name, f"{remedy}: {said}", values)
     state.take_power(power_states([1.0], [100.0], quality=bits), 5.0)
@@ -143,7 +143,7 @@ def test_an_extrapolation_is_one_alarm_with_motor_range_and_remedy(state):
 def test_what_to_do_is_that_of_the_finding_and_the_general_words_are_for_others():
     name, own = "power_monitor: energy", "give all monitors the same model file"
     said = "all 1 messages on /energy/joint_friction rejected"
-    values = {f"{REMEDY}1": own, "findings": "1", "received": "7"}
+    values = {f"{REMEDY_KEY}1": own, "findings": "1", "received": "7"}
     alarm = PageFinding.of_status(2, name, f"{own}: {said}", values)
     assert (alarm.message, alarm.remedy) == (said, own)
     assert alarm.values == {"findings": "1", "received": "7"}
