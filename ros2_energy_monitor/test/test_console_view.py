@@ -10,6 +10,8 @@
 
 import io
 import math
+import subprocess
+import sys
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -187,3 +189,10 @@ def test_no_figure_is_cut_at_any_width(board):
     for width in range(20, 201):
         shown = figures(word for row in words(board, width) for word in row)
         assert shown == table if width >= 40 else shown in (table, line), width
+
+
+def test_the_console_imports_no_state_of_the_page():
+    code = "import sys, ros2_energy_monitor.nodes.console; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "robot_energy_report.stale" in run.stdout.split()
+    assert "robot_energy_report.page.robot_state" not in run.stdout.split()

@@ -97,7 +97,9 @@ def test_a_transition_that_the_state_does_not_have_is_answered(bench, transition
     words = (
         f"energy_monitor is unconfigured and has no transition {transition.label or transition.id}"
     )
-    assert f"{words}; expected one of configure (1), shutdown (5)" in capfd.readouterr().err
+    output = capfd.readouterr().err
+    assert f"{words}; expected one of configure (1), shutdown (5)" in output
+    assert "[ERROR]" not in output
     assert node.state == "unconfigured"
     status = bench.diagnosed().wait("energy_monitor: node", "configure and activate it")
     assert status.level == DiagnosticStatus.WARN

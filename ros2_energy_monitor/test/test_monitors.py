@@ -26,6 +26,7 @@ from ros2_energy_msgs.msg import (
     PowerState,
 )
 from sensor_msgs.msg import JointState, Temperature
+from std_msgs.msg import Float64
 
 import robot_energy
 from robot_energy.accounting.account import EnergyAccount
@@ -91,7 +92,11 @@ def test_a_missing_friction_monitor_is_said(bench):
 @pytest.mark.parametrize(
     ("topic", "words"),
     [
-        ("joint_states", "topic '/joint_states' cannot be read as MotorTemperatures; expected a"),
+        (
+            "joint_states",
+            "topic '/joint_states' cannot be read as MotorTemperatures: another input reads it as "
+            "JointState; expected a",
+        ),
         ("motors of the arm", "'motors of the arm' cannot be the name of a topic; expected le"),
     ],
 )
@@ -201,6 +206,23 @@ def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
     for name, group in (("joint states", "joint_states"), ("energy", "meter")):
         setting = f"let the driver set the stamp, or set {group}.stamp_source to receive: all 1 mes"
         diagnosed.wait(f"energy_monitor: {name}", setting)
+    states.publish(joint_state(1_700_000_100, [*JOINTS, JOINTS[0]]))  # as of a bag
+    diagnosed.wait("energy_monitor: joint states", "let the driver name each joint once: all 1 mes")
+
+
+def test_receive_times_of_zero_need_a_clock(bench):
+    """Messages without a stamp, in simulated time that has not begun."""
+    sources = {"meter.topic": "p", "meter.type": "std_msgs/msg/Float64", "meter.unit": "W",
+               "meter.meaning": "instantaneous", "meter.location": "grid",
+               "motors.stamp_source": "receive"}  # fmt: skip
+    bench.add(EnergyMonitor, model="kr16", state_folder="", use_sim_time=True, **sources)
+    diagnosed = bench.diagnosed()
+    remedy = "start the source of /clock, or set use_sim_time to false"
+    bench.publisher(Float64, "p").publish(Float64(data=100.0))
+    diagnosed.wait("energy_monitor: energy", f"{remedy}: all 1 messages on /p rejected")
+    bench.publisher(MotorTemperatures, "motor_temperatures").publish(temperatures(1))
+    words = f"{remedy}: every message on /motor_temperatures is rejected as zero_stamp"
+    diagnosed.wait("energy_monitor: motor temperatures", words)
 
 
 READINGS = {"location": PowerReading.LOCATION_GRID, "meaning": PowerReading.MEANING_INSTANTANEOUS}

@@ -156,9 +156,15 @@ class ManagedNode(LifecycleNode, ABC):
             return super().create_subscription(kind, topic, guarded, *args, **options)
         except RCLError as error:
             raise ParameterError(
-                f"topic '{topic}' cannot be read as {kind.__name__}",
+                f"topic '{topic}' cannot be read as {kind.__name__}" + self._read_as(topic),
                 "a topic that no other input of this node reads as another type",
             ) from error
+
+    def _read_as(self, topic: str) -> str:
+        """Say as which types this node reads a topic; empty if it does not."""
+        name = self.resolve_topic_name(topic)
+        types = {one.msg_type.__name__ for one in self.subscriptions if one.topic_name == name}
+        return f": another input reads it as {', '.join(sorted(types))}" if types else ""
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """Return the full name of a topic; as in `rclpy.node.Node.resolve_topic_name`.
@@ -258,7 +264,7 @@ class ManagedNode(LifecycleNode, ABC):
         if wanted in known or wanted in known.values():
             return change(request, response)
         expected = ", ".join(f"{label} ({number})" for number, label in known.items())
-        self.get_logger().error(
+        self.get_logger().warning(
             f"{self.get_name()} is {self.state} and has no transition {shown(str(wanted))}; "
             f"expected one of {expected}"
         )

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,12 @@ from robot_energy.accounting.registers import Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.remedies import (
+    JOINT_STATE_REMEDIES,
+    METER_REMEDIES,
+    TEMPERATURE_REMEDIES,
+    remedy_of,
+)
 from robot_energy.inputs.sources import fitting_names, names_remedy
 from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
@@ -72,21 +79,6 @@ class TimeWatch:
 
 
 NO_STATES = "start the driver or set joint_states.topics"
-NO_STAMP = "let the driver set the stamp, or set {}.stamp_source to receive"
-JOINT_STATE_REMEDIES = {"zero_stamp": NO_STAMP.format("joint_states")}
-METER_REMEDIES = {
-    "zero_stamp": NO_STAMP.format("meter"),
-    "unknown_location": "let the publisher set location to 1 (grid) or 2 (DC bus)",
-    "unknown_meaning": "let the publisher set meaning to 1, 2 or 3, as PowerReading says",
-    "changed_meaning": "let one meter publish; where its meaning or place has changed, restart the "
-    "monitor",
-}
-TEMPERATURE_REMEDIES = {
-    "zero_stamp": "let the driver set the stamp, or set stamp_source of the source to receive",
-    "unknown_joint": "set joints and names of the source",
-    "no_temperature": "set interface or keys of the source",
-    "before_names": "set names_topic of the source",
-}
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
@@ -115,16 +107,16 @@ def joint_state_source(
     def names() -> str:
         return names_remedy(tuple(ingest.ages), ingest.ignored_joints)
 
-    def remedy_of(reason: str) -> str:
+    def remedy(reason: str) -> str:
         if not ingest.samples:  # a finding of its own
             return ""
         if reason == "unknown_joint":  # the driver has new names, or only a gripper is left
             fits = fitting_names(tuple(ingest.ages), ingest.ignored_joints)
             return names() if fits else NO_STATES
-        return JOINT_STATE_REMEDIES.get(reason, "")
+        return remedy_of(reason, JOINT_STATE_REMEDIES, receive_time=ingest.receive_time)
 
     watches = [
-        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedy_of=remedy_of)
+        InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedy_of=remedy)
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
@@ -248,10 +240,12 @@ def temperature_source(
             found.remarks.append(sentence)
         elif unknown and refused and not ingest.rejections.accepted:
             worst = refused.most_common(1)[0][0]
+            those = [one for one in ingest.readers if one.rejections.rejected[worst]]
+            received = all(reader.receive_time for reader in those)
             found.add(
                 WARN,
                 f"every message on {topics} is rejected as {worst}; {fallback}",
-                TEMPERATURE_REMEDIES.get(worst, ""),
+                remedy_of(worst, TEMPERATURE_REMEDIES, receive_time=received),
             )
         elif len(unknown) == len(names):
             have = ", which has no publisher" if absent == inboxes and len(inboxes) == 1 else ""
@@ -370,14 +364,16 @@ def energy_source(
                 readings.rejections,
                 silence,
                 needed=False,
-                remedy_of=lambda reason: METER_REMEDIES.get(reason, ""),
+                remedy_of=partial(
+                    remedy_of, remedies=METER_REMEDIES, receive_time=readings.receive_time
+                ),
             ),
         )
         for name, inbox in zip(names, meter, strict=False)
     ]
 
     def unknown_of() -> tuple[object, int, int]:
-        """The start of the account, which the next does not share, and its samples without a power."""
+        """What changes from one account to the next, and its samples without a power."""
         return account.counts, account.restarts, account.counts.quality[Quality.NOT_FINITE]
 
     watch_of_time, before = TimeWatch(), unknown_of()

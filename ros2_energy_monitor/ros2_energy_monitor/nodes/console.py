@@ -29,8 +29,8 @@ from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy_report.formats import summing
-from robot_energy_report.page.robot_state import STALE_AFTER, STALE_PERIODS
 from robot_energy_report.printing import fitted_table, width_of
+from robot_energy_report.stale import is_stale
 from ros2_energy_monitor.base.node_parameters import ConsoleParameters
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import (
@@ -226,7 +226,7 @@ class ConsoleView:
 
     def _silent(self, power: PowerState, now: float) -> bool:
         """Whether the power that was shown last is too old."""
-        return now - self._received > max(STALE_AFTER, STALE_PERIODS * power.period)
+        return is_stale(now - self._received, power.period)
 
     def _watts(self, key: str) -> str:
         return _number(self._powers.get(key, math.nan), 0)

@@ -26,9 +26,10 @@ from robot_energy.inputs.bag_topics import (
     find_temperatures,
     topics_of_other_robots,
 )
-from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED, RecordedTime
+from robot_energy.inputs.joint_states.decode import RecordedTime
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
+from robot_energy.inputs.remedies import NO_REASON, REFUSED
 from robot_energy.inputs.sources import JointStateSource, names_remedy
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
 from robot_energy.messages.payload import PayloadReader

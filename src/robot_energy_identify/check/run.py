@@ -11,9 +11,9 @@ import numpy as np
 
 from robot_energy.bag.reader import TimeRange
 from robot_energy.foundation.described import Described
-from robot_energy.inputs.joint_states.decode import NO_REASON, REFUSED
 from robot_energy.inputs.joint_states.partial_states import SAME_STAMP
 from robot_energy.inputs.joint_states.publisher_conflicts import CONFLICTING
+from robot_energy.inputs.remedies import NO_REASON, REFUSED
 from robot_energy.inputs.sources import Inputs
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import Settings

@@ -43,9 +43,8 @@ from robot_energy_report.page.messages import (
     phase_rows,
 )
 from robot_energy_report.page.settings import CostCounter, PageSettings
+from robot_energy_report.stale import is_stale
 
-STALE_AFTER = 2.0  # without power states all live figures are stale [s]
-STALE_PERIODS = 3.0  # the same, where a power state covers more time [periods]
 OVERVIEW = (
     "stale", "phase", "predicted_grid_power", "measured_power", "predicted_power_at_meter",
 )  # fmt: skip
@@ -134,7 +133,7 @@ class RobotState:
             return False
         if self._received is None or self._newest is None:
             return True
-        return now - self._received > max(STALE_AFTER, STALE_PERIODS * self._newest["period"])
+        return is_stale(now - self._received, self._newest["period"])
 
     @property
     def registers(self) -> dict[str, Any] | None:

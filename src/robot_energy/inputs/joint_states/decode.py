@@ -20,7 +20,6 @@ from robot_energy.timeline.stamps import (
     BACKWARD_JUMP_NS,
     BAD_STAMP,
     MAX_STAMP_NS,
-    OLDER,
     newest_by_epoch,
     valid_stamps,
 )
@@ -31,43 +30,6 @@ if TYPE_CHECKING:
 JOINT_STATE = "sensor_msgs/msg/JointState"
 MAX_DECODED_BYTES = 8 * 2**20  # of messages decoded at once: names that always change take room
 ZERO_STATE = "zero_state"  # the reason under which zeros between other states are counted
-NO_REASON = ("joint states of this robot", "look up the reasons in the nomenclature")
-REFUSED = {  # what was expected instead of messages refused for a reason, and what mends them
-    "malformed": ("bytes of sensor_msgs/JointState", "record with the definition in the bag"),
-    "zero_stamp": ("a stamp in the header", "set joint_states.stamp_source to receive"),
-    BAD_STAMP: ("a stamp of the clock", "set joint_states.stamp_source to receive"),
-    "wrong_length": (
-        "one position for each name, and one velocity for each or none",
-        "let the driver send as many as names",
-    ),
-    "repeated_joint": ("each joint name once in a message", "let the driver name each joint once"),
-    "not_finite": ("finite positions and velocities", "let the driver leave out what it lacks"),
-    OLDER: ("stamps that rise", "set joint_states.reorder_window, or stop one of two publishers"),
-    "conflicting_stamp": (
-        "a stamp of its own for each state",
-        "set joint_states.stamp_source to receive, or stop one of two publishers",
-    ),
-    "conflicting_publisher": (
-        "one publisher for each joint",
-        "stop one of two publishers, or name the topics in joint_states.topics",
-    ),
-    ZERO_STATE: (
-        "states of the robot",
-        "stop the publisher of zeros, or name the topics in joint_states.topics",
-    ),
-    "impossible_position": (
-        "positions that a motion reaches",
-        "check for rows or bits that are corrupt, and the limits of the velocity",
-    ),
-    "impossible_velocity": (
-        "velocities that the positions support",
-        "check the unit of velocities and limits",
-    ),
-    "missing_joint": (
-        "readings of every joint around each of the first one",
-        "record the topics of all joints, and name them in joint_states.topics",
-    ),
-}
 Mask = NDArray[np.bool_]
 _Places = tuple[Int, Mask, bool]
 """Column of each joint in a message, -1 for none; which have one; whether all are in order."""

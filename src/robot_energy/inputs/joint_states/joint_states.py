@@ -31,6 +31,7 @@ from robot_energy.inputs.joint_states.publisher_conflicts import (
 )
 from robot_energy.inputs.parameters import RECEIVE
 from robot_energy.inputs.rejection_log import RejectionLog
+from robot_energy.inputs.remedies import NO_CLOCK
 from robot_energy.inputs.sources import JointStateSource
 from robot_energy.physics.urdf.checks import JointLimits
 from robot_energy.timeline.blocks import (
@@ -184,6 +185,7 @@ class JointStateIngest:
             a sample.
         ignored_joints: Joints met that the model does not know.
         known_names: What messages may call the joints, in model order: each way that is read.
+        receive_time: Whether messages are dated by their receipt.
     """
 
     def __init__(
@@ -202,7 +204,7 @@ class JointStateIngest:
         self.order = StampOrder(max_gap)
         self.samples = 0
         self._names = tuple(joint_names)
-        self._receive_time = source.stamp_source == RECEIVE
+        self.receive_time = source.stamp_source == RECEIVE
         self._plausibility = Plausibility(joint_names, limits)
         self._velocities = VelocityCheck(
             n_joints, limits, source.max_velocity_ratio, log, self._plausibility
@@ -281,9 +283,8 @@ class JointStateIngest:
         zero = self.rejections.rejected["zero_stamp"]
         if zero and not self.rejections.accepted:
             sentence = (
-                f"all {zero} joint states were received at time zero: start the source of /clock, "
-                "or set use_sim_time to false"
-                if self._receive_time
+                f"all {zero} joint states were received at time zero: {NO_CLOCK}"
+                if self.receive_time
                 else f"all {zero} joint states have a zero stamp: let the driver set it, "
                 "or set joint_states.stamp_source to receive"
             )
@@ -298,7 +299,7 @@ class JointStateIngest:
         coarse, grid_ns = self.conflicts.coarse > 0, self.conflicts.grid_ns
         if same and (coarse or not joints):
             remedy = "let the driver send a stamp for each state"
-            if not self._receive_time:
+            if not self.receive_time:
                 setting = "joint_states: {stamp_source: receive}"
                 remedy = "set joint_states.stamp_source to receive"
             grid = f", multiples of {1e-6 * grid_ns:.3g} ms" if grid_ns >= MIN_GRID_NS else ""
@@ -317,7 +318,7 @@ class JointStateIngest:
                 "publishers contradict each other, stamps are rounded or late, or rows are "
                 f"corrupt: {refused} samples refused"
             )
-            if grid_ns >= MIN_ROUNDED_NS and not self._receive_time:
+            if grid_ns >= MIN_ROUNDED_NS and not self.receive_time:
                 setting = "joint_states: {stamp_source: receive}"
                 sentence += (
                     f"; the stamps are multiples of {1e-6 * grid_ns:.3g} ms: if the driver rounds "

@@ -158,6 +158,7 @@ class MeterIngest:
         rejections: Received, accepted and rejected messages. Acceptance here means that
             the message could be read; the comparison counts what it could use. A current
             of a pair may turn out to be ``unpaired`` when a later message has come.
+        receive_time: Whether readings are dated by their receipt.
     """
 
     def __init__(
@@ -167,7 +168,7 @@ class MeterIngest:
         self.rejections = RejectionLog()
         self._numbers = self._read_numbers(typestore or default_typestore())
         paths = tuple(number.path for number in self._numbers.values())
-        fields = (*STAMP, *paths) if self._stamped else paths
+        fields = paths if self.receive_time else (*STAMP, *paths)
         self._decoder = Decoder(self.source.type, fields, typestore)
         self._shift_ns, self._factor = self.source.shift_ns, self.source.factor
         self._number = self.source.reading.number
@@ -195,7 +196,7 @@ class MeterIngest:
             raise ParameterError(
                 f"stamp_source is header, which {source.type} does not have", RECEIVE
             )
-        self._stamped = headed and source.stamp_source != RECEIVE
+        self.receive_time = not headed or source.stamp_source == RECEIVE
         if source.reading.fields:
             return {path: _Number(path) for path in source.reading.fields}
         terms = [term.strip() for term in source.value_path.split("+")]
@@ -281,10 +282,10 @@ class MeterIngest:
         rows = np.concatenate([run.rows for run in runs])
         order = np.argsort(rows)
         rows = rows[order]
-        if self._stamped:
-            stamp = np.concatenate([stamp_ns(run) for run in runs])[order]
-        else:
+        if self.receive_time:
             stamp = batch.log_time_ns[rows]
+        else:
+            stamp = np.concatenate([stamp_ns(run) for run in runs])[order]
         valid = valid_stamps(stamp) & valid_stamps(stamp + self._shift_ns)
         self.rejections.reject(BAD_STAMP, int((~valid).sum()))
         column: dict[str, Float] = {

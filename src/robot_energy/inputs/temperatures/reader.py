@@ -47,6 +47,9 @@ class TemperatureReader:
     that the source does not list, are ignored and listed. Of a source that is quicker than
     temperatures change, the first reading of a joint in each tenth of a second counts.
     A fault code counts as no reading, unless the last other reading is within 2 K of it.
+
+    Attributes:
+        receive_time: Whether messages are dated by their receipt.
     """
 
     def __init__(
@@ -72,7 +75,7 @@ class TemperatureReader:
         self._adapter: Adapter = source.reading.adapter(source)
         self._decoder = Decoder(source.type, self._adapter.fields, typestore)
         self._nameless = False
-        self._dated = source.reading.headed and source.stamp_source != RECEIVE
+        self.receive_time = not source.reading.headed or source.stamp_source == RECEIVE
         self._keys, self.keys_topic = None, source.keys_topic
         if source.keys_topic:
             self._keys = Decoder(source.reading.keys_type, ("keys",), typestore)
@@ -214,7 +217,7 @@ class TemperatureReader:
             taken = taken * (self.source.scale * self._factor) - self._offset
         values[:, [column for _, column in places]] = taken
         return TemperatureBlock(
-            stamp_ns(run) if self._dated else batch.log_time_ns[run.rows], values
+            batch.log_time_ns[run.rows] if self.receive_time else stamp_ns(run), values
         )
 
     def _match(self, names: tuple[str, ...]) -> list[tuple[int, int]]:
