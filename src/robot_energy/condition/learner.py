@@ -84,7 +84,7 @@ class ConditionLearner:
         learns: Whether anything is learned.
         applies: Whether predictions use what was learned.
         in_use: Whether predictions of this part differ from those of the model file.
-        fan_odds: That the fan of the cabinet runs, by the meter alone; 1 without one. [-]
+        fan_odds: That the fan of the cabinet runs, by the meter alone; 1 unless applied. [-]
         thermal: What estimates temperatures that no sensor measures.
         end_ns: Newest sample learned from; None before the first. [ns]
     """
@@ -111,7 +111,8 @@ class ConditionLearner:
         self.wear = WearMonitor(model.joint_names)
         self.end_ns: int | None = None
         self.fan_odds = 1.0
-        self._fan = None if cabinet.fan is None else FanOdds(cabinet.fan.power.value)
+        fan = cabinet.fan if self.applies else None
+        self._fan = None if fan is None else FanOdds(fan.power.value)
         columns = 3 if self._fan is None else 4  # predicted, friction, added; fan
         self._windows = MeterWindows(columns, MeterCurve(*limits))
         self._readings: list[MeterBlock] = []  # since the last part
@@ -128,7 +129,7 @@ class ConditionLearner:
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Cut at parts and windows, as in `robot_energy.pipeline.power_stage.Condition.cuts`."""
         windows = self.thermal.cuts(stamp_ns, before_ns, rising) if self.thermal.on else []
-        if not (self.applies or (self.learns and self._fan is not None)):
+        if not self.applies:
             return windows
         parts = np.flatnonzero(differences(stamp_ns // PART_NS, before_ns // PART_NS)).tolist()
         return [*windows, *parts]
@@ -143,6 +144,7 @@ class ConditionLearner:
                 self._end_part()
             if self._fan is not None:
                 self.fan_odds = self._fan.odds(begin_ns)
+                self.in_use = self._use.any or self.fan_odds != 1.0
         if not self.thermal.on:
             return reading_degc, reading_degc
         self.thermal.begin(begin_ns, stuck)
@@ -278,7 +280,7 @@ class ConditionLearner:
             predicted = predicted - samples.loss_grid
         columns = [predicted, learnable, added]
         if self._fan is not None:
-            constant = self._losses[1] + (use.offset if self.applies and not use.at_bus else 0.0)
+            constant = self._losses[1] + (0.0 if use.at_bus else use.offset)
             columns.append(samples.loss_grid - constant)
         return np.stack(columns, axis=1)
 

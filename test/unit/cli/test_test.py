@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 import robot_energy as re
+import robots
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
 from pages import read
+from places import ROOT
 from robot_energy.model import load
+from robot_energy.model.schema import CabinetFan
 from robot_energy_cli import main
+from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.evaluation import seen_in_fit
 from robot_energy_logs.log_import import import_log
@@ -87,6 +91,24 @@ def test_noise_above_10_hz_counts_in_the_error_of_the_monitor_alone(tmp_path):
     assert joint.torque_relative_moving == pytest.approx((0.135 / 1.125) ** 0.5, rel=0.01)
     assert joint.torque_relative_low_pass == pytest.approx(0.1, rel=0.01)
     assert report.together[-1].joints[0].torque_relative_low_pass == 1.0
+
+
+def test_a_prediction_does_not_see_the_meter_that_judges_it():
+    """Without a meter, a fan of 300 W that may start from -59 to 149 degC counts about half."""
+    model, bag = load("kr16"), ROOT / "bags/drawn_test_warm"
+    on = {**robots.figure(45.0), "std": 60.0}
+    fan = {"power": robots.figure(300.0), "on_above_degc": on, "hysteresis": robots.figure(0.0)}
+    update = {"fan": CabinetFan.model_validate(fan)}
+    fanned = model.changed(cabinet=model.cabinet.model_copy(update=update))
+    plain, off, applied = (
+        re.evaluate(bag, fanned, **options).recordings[0].scores[0].energy_relative
+        for options in ({}, {"learning": "off"}, {"learning": "apply"})
+    )
+    assert plain == off
+    assert applied < plain - 0.1  # the meter shows that it does not run
+    recording = read_recording(bag, fanned)
+    found = read_recording(bag, model).with_model(fanned)
+    np.testing.assert_array_equal(found.power.grid_power, recording.power.grid_power)
 
 
 def test_a_longer_window_of_accelerations_is_named_where_it_lowers_the_error(tmp_path):

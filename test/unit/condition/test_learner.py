@@ -12,7 +12,7 @@ from robot_energy.foundation.errors import StateFileError
 from robot_energy.model import load
 from robot_energy.model.schema import CabinetFan
 from robot_energy.pipeline import EnergyPipeline, Settings
-from robot_energy.timeline.blocks import Learning, Quality
+from robot_energy.timeline.blocks import Learning, PowerBlock, Quality
 from robot_energy_rig import VirtualRig, load_profile
 from robot_energy_studies.learning_study import (
     at_work,
@@ -31,11 +31,11 @@ def rig(rate_hz=100.0, seed=3) -> VirtualRig:
     return VirtualRig(PROFILE, work(PROFILE, seed), seed=seed, rate_hz=rate_hz)
 
 
-def run(learning, with_torque, cuts, seconds=150, rate=50.0) -> EnergyPipeline:
+def run(learning, with_torque, cuts, seconds=150, rate=50.0, model=WRONG) -> EnergyPipeline:
     """Feed the rig's samples in pieces; temperatures and readings come with their own stamps."""
     output = rig(rate).step(round(seconds * rate))
     joints = joint_block(output.joints, with_torque)
-    pipeline = pipeline_of(WRONG, learning, with_torque)
+    pipeline = pipeline_of(model, learning, with_torque)
     stamps = joints.stamp_ns
     bounds = [int(stamps[0]) - 1, *stamps[sorted(cuts)].tolist(), int(stamps[-1]) + 10**9]
     for start, stop in pairwise(bounds):
@@ -89,7 +89,7 @@ def test_the_meter_shows_whether_a_fan_runs_however_it_is_cut(runs):
     output = rig(50.0).step(2500)
     joints = joint_block(output.joints)
 
-    def fan_powers(cuts, learning=Learning.OBSERVE, meter=True):
+    def fan_powers(cuts, learning=Learning.APPLY, meter=True):
         pipeline, found = EnergyPipeline(model, Settings(learning=learning)), []
         bounds = [int(joints.stamp_ns[0]) - 1, *joints.stamp_ns[cuts].tolist(), 2**62]
         for start, stop in pairwise(bounds):
@@ -100,14 +100,18 @@ def test_the_meter_shows_whether_a_fan_runs_however_it_is_cut(runs):
             part = [block if len(block) else None for block in part]
             found.append(pipeline.step(*(part if meter else part[:2])).power)
         found.append(pipeline.flush().power)
-        return np.concatenate([one.loss_grid for one in found if one is not None]) - constant
+        power = PowerBlock.concatenate([one for one in found if one is not None])
+        by_meter = power.quality & Quality.LEARNED > 0
+        np.testing.assert_array_equal(by_meter, ~np.isclose(power.loss_grid - constant, 100.0))
+        return power.loss_grid - constant
 
     whole = fan_powers([])
     assert whole[:250] == pytest.approx(100.0)
     assert whole[-1000:] == pytest.approx(200.0 * runs, abs=2.0)
     for cuts in ([1234], list(range(17, 2500, 33))):
         np.testing.assert_array_equal(fan_powers(cuts), whole)
-    assert fan_powers([], Learning.OFF) == pytest.approx(100.0)
+    for learning in (Learning.OFF, Learning.OBSERVE):
+        assert fan_powers([], learning) == pytest.approx(100.0)
     assert fan_powers([], meter=False) == pytest.approx(100.0)
 
 
@@ -131,8 +135,9 @@ def test_after_an_hour_without_samples_the_meter_says_no_more_of_a_fan():
     assert power[later] == pytest.approx(100.0)
 
 
-def test_observing_changes_no_energy():
-    off, observed = (run(way, True, []) for way in (Learning.OFF, Learning.OBSERVE))
+@pytest.mark.parametrize("model", [WRONG, with_open_fan(True)[0]], ids=["wrong", "fan"])
+def test_observing_changes_no_energy(model):
+    off, observed = (run(way, True, [], model=model) for way in (Learning.OFF, Learning.OBSERVE))
     np.testing.assert_array_equal(
         off.account.registers.microjoule, observed.account.registers.microjoule
     )
