@@ -14,6 +14,7 @@ import json
 import math
 import subprocess
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,12 +28,16 @@ from robot_energy.bag import BagWriter
 from robot_energy.bag.cdr.types import typestore
 from robot_energy.certainty.deviation import CABINET_DEVIATIONS, JOINT_DEVIATIONS
 from robot_energy.model import load
+from robot_energy.model.figure import Figure, PositiveFigure
+from robot_energy.model.schema import CabinetFan
+from robot_energy.pipeline import EnergyPipeline
 from robot_energy_cli.main import main
 from robot_energy_plan.motion.joint_trajectory import KINDS, MESSAGE, PointColumns
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.services import trajectory_services
 from ros2_energy_monitor.services.prediction_process import PredictionProcess
 from ros2_energy_monitor.services.raw_service import CMessage
+from ros2_energy_monitor.services.trajectory_answers import compared, predicted
 
 MODEL = load("kr16")
 JOINTS = MODEL.joint_names
@@ -147,6 +152,44 @@ def test_the_service_equals_the_command(client, tmp_path):
 
 
 @pytest.mark.usefixtures("kept_process")
+@pytest.mark.parametrize(
+    ("asked_degc", "on_above_degc", "runs"),
+    [(math.nan, 41.0, False), (math.nan, 39.0, True), (45.0, 44.0, True), (38.0, 39.0, True)],
+)
+def test_a_fan_runs_by_readings_as_in_the_monitor_and_by_temperatures_as_asked(
+    asked_degc, on_above_degc, runs
+):
+    """The first motor reads 45 degC with 40, the second has 39.5; errors of those asked are none.
+
+    The warmest has 40, 40, 45 and 39.5 degC.
+    """
+    power, width = (PositiveFigure(value=value, tag="assumed") for value in (50.0, 10.0))
+    on = Figure(value=on_above_degc, tag="assumed")
+    fan = CabinetFan(
+        power=power, on_above_degc=on, hysteresis=width, begins_off_to_degc=on,
+        thermometers=(5.0, -1.5, 0.0, 0.0, 0.0, 0.0),
+    )  # fmt: skip
+    model = MODEL.changed(cabinet=MODEL.cabinet.model_copy(update={"fan": fan}))
+    readings, asked = np.array([45.0, 38.0, 30.0, 30.0, 30.0, math.nan]), np.full(6, math.nan)
+    asked[0], asked[5] = asked_degc, 20.0
+    still = PointColumns.of(swing())
+    request = SimpleNamespace(
+        trajectory=still, repeat=1, motor_temperature_degc=asked,
+        trajectories=[still], joint_names=JOINTS, cycle_time=0.0, peak_limit=0.0,
+    )  # fmt: skip
+    never = EnergyPipeline(MODEL).account.calibration.state()
+    answers = [
+        (predicted(one, request, (), readings, never),
+         compared(one, request, (), readings, never)["candidates"][0])
+        for one in (MODEL, model)
+    ]  # fmt: skip
+    (bare, bare_compared), (found, found_compared) = answers
+    assert found["motor_temperature_degc"] == bare["motor_temperature_degc"]
+    fan_energy = pytest.approx(50.0 * 8.0 * runs, abs=1e-6)
+    assert found["predicted_import_energy"] - bare["predicted_import_energy"] == fan_energy
+    assert found_compared["predicted_energy"] - bare_compared["predicted_energy"] == fan_energy
+
+
 def test_what_the_meter_has_shown_sets_the_band(node, client):
     """Windows without error, in which every figure moved 10 kJ: all figures are known then."""
     bare = client.ask(trajectory=swing())

@@ -266,18 +266,20 @@ class BusRobot:
     """What one robot gives the bus and takes from it, as the pipeline finds it.
 
     Attributes:
+        assumed: Whether temperatures are those of the motors, as planned, and no readings.
         deviations: What errors of the model do to its energies.
         problems: What makes its figures doubtful, one sentence each.
     """
 
     name: str
     model: RobotModel
+    assumed: bool = False
     notes: list[str] = field(default_factory=list[str])
     problems: list[str] = field(default_factory=list[str])
 
     def __post_init__(self) -> None:
         self.deviations = DeviationSums(self.model)
-        self._fan = FanStage(self.model.cabinet, assumed=True)
+        self._fan = FanStage(self.model.cabinet, self.assumed)
         self._parts: list[tuple[Int, Int, Float]] = []
         self.moves_at_end = False  # some motor turns at the last sample
 
@@ -364,7 +366,7 @@ def planned_robot(
     Args:
         degc: Of all motors, or of each, shape (n,). [degC]
     """
-    robot = BusRobot(name, model)
+    robot = BusRobot(name, model, assumed=True)
     found = predict(model, motion, degc, name, repeat=repeat, on_output=robot.take)
     robot.notes += found.notes
     robot.problems += found.limits.sentences()

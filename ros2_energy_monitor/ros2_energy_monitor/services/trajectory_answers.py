@@ -53,7 +53,9 @@ def predicted(
     from robot_energy_plan.prediction import predict
 
     motion = through_points(request.trajectory, NAME)
-    degc = temperatures_of(model, motion.joint_names, request.motor_temperature_degc, newest_degc)
+    model, degc = at_temperatures(
+        model, motion.joint_names, request.motor_temperature_degc, newest_degc
+    )
     links = {body.link for body in carried}
     changes = [body for body in carried if body not in model.payload]
     changes += [payload(body.link, 0.0) for body in model.payload if body.link not in links]
@@ -108,10 +110,14 @@ def _joints(registers: Registers, model: RobotModel) -> list[dict[str, Any]]:
     ]
 
 
-def temperatures_of(
+def at_temperatures(
     model: RobotModel, joint_names: Sequence[str], given: Sequence[float], newest_degc: Float
-) -> Float:
+) -> tuple[RobotModel, Float]:
     """Return temperatures as asked, else the newest, else the fallback, shape (n,). [degC]
+
+    The newest are readings, by which friction was found; a prediction takes what it is given for
+    those of the motors. So the limits of a fan move by what the errors of the thermometers do to
+    the warmest motor, in the model that is returned.
 
     Args:
         joint_names: In the order of ``given``.
@@ -126,7 +132,19 @@ def temperatures_of(
     by_name = dict(zip(joint_names, given, strict=False))
     asked = np.array([by_name.get(name, math.nan) for name in model.joint_names])
     known = np.where(np.isnan(asked), newest_degc, asked)
-    return np.where(np.isnan(known), model.temperature.fallback_degc, known)
+    degc = np.where(np.isnan(known), model.temperature.fallback_degc, known)
+    fan = model.cabinet.fan
+    if fan is None or fan.thermometers is None:
+        return model, degc
+    read = np.isnan(asked) & ~np.isnan(newest_degc)
+    above = float(degc.max() - (degc - np.where(read, fan.thermometers, 0.0)).max())
+    limits = {
+        name: limit.model_copy(update={"value": limit.value + above})
+        for name in ("on_above_degc", "begins_off_to_degc")
+        if (limit := getattr(fan, name)) is not None
+    }
+    moved = model.cabinet.model_copy(update={"fan": fan.model_copy(update=limits)})
+    return model.changed(cabinet=moved), degc
 
 
 def compared(
@@ -161,7 +179,9 @@ def compared(
             f"{len(request.motor_temperature_degc)} motor temperatures were given",
             f"one for each of the {len(request.joint_names)} joint names",
         )
-    degc = temperatures_of(model, request.joint_names, request.motor_temperature_degc, newest_degc)
+    model, degc = at_temperatures(
+        model, request.joint_names, request.motor_temperature_degc, newest_degc
+    )
     result = compare_motions(
         model.changed(payload=list(carried)),
         [candidate(number) for number in range(len(request.trajectories))],

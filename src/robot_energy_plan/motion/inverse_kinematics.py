@@ -1,7 +1,8 @@
 """Joint positions that bring a tool to given places, by the structure of the robot.
 
 - A gantry (prismatic joints only): linear, exact.
-- A planar arm (parallel revolute axes): the configuration nearest to the start (`motion.planar`).
+- A planar arm (parallel revolute axes): closed form where two joints are free, else the
+  configuration nearest to the start (`motion.planar`).
 - Six or more joints: the tool's orientation is held; Newton steps with the Jacobian, damped
   where it loses rank, each place from the solution of the one before.
 
@@ -112,7 +113,10 @@ class InverseKinematics:
         if far.any():
             row = int(np.argmax(far))
             raise self._refused(wanted, row, float(distance[row]), greatest, self._free[0], least)
-        found = arm.nearest(place, begin, self._free, self._weight)
+        if len(self._free) == 2:
+            found = arm.two_free(place, begin, self._free)
+        else:
+            found = arm.nearest(place, begin, self._free, self._weight)
         lost = np.isnan(found).any(axis=1)
         if lost.any():
             row = int(np.argmax(lost))

@@ -1,11 +1,12 @@
 """Planar arms: revolute joints with parallel axes, in the complex plane across them.
 
 The tool is at ``z = z0 + sum over i of l_i exp(j theta_i)`` with ``theta_i = sum over k <= i of
-s_k q_k``: `l_i` are the links at zero joint positions, ``s_k`` the senses of the axes. Wanted is
-the configuration nearest to a reference, ``min 1/2 sum w (q - q_ref)^2`` with the tool in place
-(paper B, section 4.1, leaves the choice open); with two free joints it is that on their side of
-the stretched arm. It is a function of the tool position alone, so a closed tool path is a closed
-joint path, which steps along a weighted pseudo-inverse would not give.
+s_k q_k``: `l_i` are the links at zero joint positions, ``s_k`` the senses of the axes. Two free
+joints have a closed form, which a stretched start or a hole in the reach does not hinder; with
+more, the configuration nearest to a reference is wanted, ``min 1/2 sum w (q - q_ref)^2`` with the
+tool in place (paper B, section 4.1, leaves the choice open). That one is a function of the tool
+position alone, so a closed tool path is a closed joint path, which steps along a weighted
+pseudo-inverse would not give.
 """
 
 from __future__ import annotations
@@ -102,11 +103,36 @@ class PlanarArm(Described):
         parts = [vectors[a:b].sum() for a, b in pairwise(edges[1:])]
         return start, np.array(parts)
 
+    def two_free(self, place: Complex, start: Float, free: Sequence[int]) -> Float:
+        """Return the closed form for two free joints on the side of the start, shape (N, n). [rad]
+
+        It is nan where both links lie in one line.
+
+        Args:
+            place: Places of the tool, within reach, shape (N,). [m]
+            start: Joint positions before the first place; decides the side, shape (n,). [rad]
+        """
+        origin, (inner, outer) = self._chain(start, free)
+        a, b = free
+        bend = np.angle(outer) - np.angle(inner)
+        side = np.sin(self.sense[b] * start[b] + bend)
+        way = place - origin
+        size = abs(inner) * abs(outer)
+        cosine = (np.abs(way) ** 2 - abs(inner) ** 2 - abs(outer) ** 2) / (2.0 * size)
+        sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * (-1.0 if side < 0 else 1.0)
+        second = np.arctan2(sine, cosine) - bend
+        first = np.angle(way) - np.angle(inner + outer * np.exp(1j * second))
+        result = np.tile(start, (len(place), 1))
+        for joint, angle in ((a, first), (b, second)):
+            turned = np.concatenate([start[joint : joint + 1], angle * self.sense[joint]])
+            result[:, joint] = np.unwrap(turned)[1:]
+        result[np.abs(sine) < STRETCHED] = np.nan
+        return result
+
     def nearest(self, place: Complex, start: Float, free: Sequence[int], weight: Float) -> Float:
         """Return configurations nearest to the start, tool in place, shape (N, n). [rad]
 
-        They are found along the path; nan from the first place that was not found, and where the
-        links of two free joints lie in one line.
+        They are found along the path; nan from the first place that was not found.
 
         Args:
             place: Places of the tool, shape (N,). [m]
@@ -140,10 +166,6 @@ class PlanarArm(Described):
                 posture, force = found
                 result[row], before = posture, wanted
             last = end
-        if len(free) == 2:
-            first, second = self._arms(result)[:, free].T
-            sine = (first.conj() * second).imag / np.abs((first - second) * second)
-            result[np.abs(sine) < STRETCHED] = np.nan
         return result
 
     def _arms(self, joint_position: Float) -> Complex:

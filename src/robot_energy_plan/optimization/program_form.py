@@ -72,7 +72,7 @@ class WrittenTrajectory(ProgramForm):
                 still = np.zeros_like(path.joint_position[:1])
                 parts.append(Trajectory(path.joint_position[:1], still, still))
             rows = slice(0 if waits or not times else 1, None)
-            clock += wait
+            clock += wait if times else 0.0  # a first rest below that is left out
             times.append((clock + own)[rows])
             parts.append(path[rows])
             clock += float(own[-1])

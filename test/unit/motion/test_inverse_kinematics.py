@@ -104,6 +104,16 @@ def test_two_free_joints_come_back_to_where_they_were(held, q, side):
         assert signs[0] == signs[1]
 
 
+@pytest.mark.parametrize("start", [[0.0, 0.0, 0.0], [0.0, 0.01, 0.0], [0.3, 0.8, 0.2]])
+def test_two_free_joints_reach_a_place_from_any_start(start):
+    """Also from the stretched arm, and where the straight way crosses the hole round the base."""
+    solver = InverseKinematics(MANTIS, held=["joint_3"])
+    wanted = np.array([[q1, q2, start[2]] for q1 in (-1.5, 0.0, 2.0) for q2 in (0.3, 1.2, 2.4)])
+    place = placed(MANTIS, "tool0", wanted)
+    found = np.vstack([solver.solve(one[None], np.array(start)) for one in place])
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9)
+
+
 def test_first_joint_held_by_the_law_of_cosines():
     q1 = 0.2
     start = np.array([q1, -1.0, 1.5])

@@ -40,14 +40,20 @@ def test_programs_in_a_common_cycle():
 
 
 @pytest.mark.parametrize(
-    ("motions", "given"),
-    [([MOVES, MOVES], {"temperature": 40.0}), ([COLD, WARM], {"same_start": True})],
+    ("motions", "given", "on_above_degc", "off"),
+    [
+        ([MOVES, MOVES], {"temperature": 40.0}, 0.0, 99.0),
+        ([COLD, WARM], {"same_start": True}, 99.0, -99.0),
+    ],
 )
-def test_a_fan_takes_its_power_from_own_supplies_and_from_the_bus(motions, given):
+def test_a_fan_takes_its_power_from_own_supplies_and_from_the_bus(
+    motions, given, on_above_degc, off
+):
+    """By temperatures of motors in a program, and by readings in recordings, less their errors."""
     model = load("kr16")
-    power, above = PositiveFigure(value=100.0, tag="assumed"), Figure(value=0.0, tag="assumed")
-    off = (99.0,) * 6  # which no thermometer shows where temperatures are given
-    fan = CabinetFan(power=power, on_above_degc=above, thermometers=off)
+    power = PositiveFigure(value=100.0, tag="assumed")
+    above = Figure(value=on_above_degc, tag="assumed")
+    fan = CabinetFan(power=power, on_above_degc=above, thermometers=(off,) * 6)
     with_fan = model.changed(cabinet=model.cabinet.model_copy(update={"fan": fan}))
     old, new = (re.shared_bus(motions, one, **given).report for one in (model, with_fan))
     both = pytest.approx(2 * 100.0 * old.duration, rel=1e-6)

@@ -1,5 +1,7 @@
 """Time laws along given paths: a case with a known answer, limits, and a trajectory written."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import robot_energy as re
 from places import ROOT
 from robot_energy.model import load
 from robot_energy.model.joint import ViscousExponent
+from robot_energy.physics.rigid_body import Robot
 from robot_energy_plan.motion.joint_trajectory import read_csv_trajectory
 from robot_energy_plan.motion.ptp import MotionLimits, Trajectory
 from robot_energy_plan.optimization.chain import (
@@ -16,8 +19,10 @@ from robot_energy_plan.optimization.chain import (
     PtpMoves,
     grid,
 )
+from robot_energy_plan.optimization.program_form import MIN_REST, PtpForm
+from robot_energy_plan.optimization.search import CyclePlan
 from robot_energy_plan.optimization.time_law import LawLimits, PathPower, path_power, time_law
-from robot_energy_plan.optimization.timed_moves import law_limits, timed_moves
+from robot_energy_plan.optimization.timed_moves import law_limits, timed_form, timed_moves
 from robots import figure
 
 MOVES = ROOT / "src/examples/programs/kr16_pick_and_place.yaml"
@@ -121,6 +126,21 @@ def test_a_law_needs_less_than_any_trapezoid_that_is_not_slower(found):
         best = mine[np.argmin(laws.energy[mine])]
         others = (ways.move == move) & (plain.duration <= laws.duration[best] * 1.001)
         assert laws.energy[best] < 0.995 * plain.energy[others].min()
+
+
+@pytest.mark.parametrize(("first", "waits"), [(0.0, 0.0), (0.5 * MIN_REST, 0.0), (0.5, 0.5)])
+def test_a_written_trajectory_begins_at_zero(tmp_path, first, waits):
+    """Also where the rest before its first move is rounding."""
+    robot = Robot.from_model(load("kr16"))
+    form = PtpForm(MOVES, robot)
+    rest = np.where(np.arange(form.moves.count) == 0, first, 0.25)
+    plan = CyclePlan(form.base.move, rest, (None,) * len(rest))
+    task = SimpleNamespace(table=SimpleNamespace(candidates=form.base))
+    timed_form(form, form.moves).write(tmp_path / "law.csv", task, plan)
+    time = np.loadtxt(tmp_path / "law.csv", delimiter=",", skiprows=1)[:, 0]
+    assert time[0] == 0.0
+    ends = waits + rest[1:].sum() + form.moves.duration(form.base).sum()
+    assert time[-1] == pytest.approx(ends, abs=1e-6)
 
 
 def test_a_program_with_laws_is_written_as_a_trajectory(tmp_path):
