@@ -12,7 +12,7 @@ from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.friction import FrictionModel
 from robot_energy.results.base import Result, Texts
-from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.recordings import LACKING, Recording
 from robot_energy_identify.friction.friction import FrictionFit, fit_axes, with_friction
 from robot_energy_identify.friction.hold import HoldFit, fit_hold
 from robot_energy_identify.friction.samples import FrictionData, friction_data, moving_rows
@@ -36,7 +36,6 @@ from robot_energy_identify.thermal.network import (
 
 APART = 0.1  # of the friction power of an axis: sound recordings of one plant are off by 0.05
 MIN_AXES = 2  # that are so far off: one alone may be of another form than its law
-LACKING = 0.1  # of the samples of a recording without a temperature, worth a sentence
 MIN_RECORDINGS = 3  # before one may be left out: two sound ones are both off, by up to 0.4
 
 
@@ -171,8 +170,9 @@ def recordings_without_temperature(recordings: Sequence[Recording]) -> tuple[str
     lacking[:, (lacking == 1.0).all(axis=0)] = 0.0
     return tuple(
         f"{part.path.name}: no motor temperature of {', '.join(joints)} in {100.0 * row.max():.0f} "
-        "% of its samples, which friction and drives leave out; check these sensors, or name their "
-        "topic with --inputs"
+        "% of its samples, which friction leaves out, as do drives by the torque of the model if "
+        f"more than {100.0 * LACKING:.0f} % of all samples have one; check these sensors, or name "
+        "their topic with --inputs"
         for part, row in zip(recordings, lacking, strict=True)
         if (joints := [part.model.joint_names[k] for k in np.flatnonzero(row > LACKING).tolist()])
     )

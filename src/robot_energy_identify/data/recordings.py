@@ -61,6 +61,7 @@ MOTION = (
 OF_MOTION = (
     "urdf", "urdf_xml", "gravity", "massless_links", "coupling", "payload", "temperature", "hold",
 )  # fmt: skip  # of a model, besides the joints, decides torque, friction and temperature
+LACKING = 0.1  # of samples that lack a motor temperature or have one: fewer do not count
 APART = 2.5  # usual times between readings of a meter, beyond which no slope is taken
 
 
@@ -294,12 +295,13 @@ def spread(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def temperatures_known(recordings: Sequence[Recording]) -> list[NDArray[np.bool_]]:
-    """Return which samples know the temperature of every axis that has one at all, shape (N,) each.
+    """Return which samples know the temperature of every axis that has one, shape (N,) each.
 
-    The others have friction at the fallback temperature, which a meter would count as losses.
+    The others have friction at the fallback temperature, which a meter would count as losses. An
+    axis has one if more than `LACKING` of the samples of all recordings know it.
     """
     known = [np.isfinite(part.power.motor_temperature_degc) for part in recordings]
-    has = np.any([rows.any(axis=0) for rows in known], axis=0)
+    has = np.concatenate(known).mean(axis=0) > LACKING
     return [np.asarray((rows | ~has).all(axis=1)) for rows in known]
 
 

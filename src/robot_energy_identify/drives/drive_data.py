@@ -225,20 +225,21 @@ def drive_data(
         measured_torque: Whether to use the measured torque; else that of the model, rigid
             bodies and friction, but at rest the measured one where it is known.
     """
-    names = recordings[0].model.joint_names
+    names, constants = recordings[0].model.joint_names, TorqueConstants.of(recordings[0].model)
+    warm = np.concatenate(temperatures_known(recordings))
+    if measured_torque and constants is None:  # which holds whatever the temperature
+        warm[:] = True
+    sound = np.concatenate([part.sound for part in recordings]) & warm
     stamp = np.concatenate([part.torque.stamp_ns for part in recordings])
     number = np.repeat(np.arange(len(recordings)), [len(part) for part in recordings])
     segment = np.concatenate([part.torque.segment for part in recordings])
     torque = np.concatenate(
         [
-            np.where(
-                (part.sound & warm)[:, None],
-                part.power.motor_torque_measured if measured_torque else shaft_torque(part),
-                np.nan,
-            )
-            for part, warm in zip(recordings, temperatures_known(recordings), strict=True)
+            part.power.motor_torque_measured if measured_torque else shaft_torque(part)
+            for part in recordings
         ]
     )
+    torque[~sound] = np.nan
     electrical = np.concatenate(
         [
             np.full((len(part), len(names)), np.nan)
@@ -269,7 +270,7 @@ def drive_data(
         recordings[0].sensors,
         None if measured_torque else np.concatenate([_viscous_off(part) for part in recordings]),
         np.concatenate(fans) if isinstance(fans[0], np.ndarray) else None,
-        TorqueConstants.of(recordings[0].model),
+        constants,
     )
 
 

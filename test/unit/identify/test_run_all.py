@@ -15,6 +15,7 @@ import drive_reports
 from plants import PROGRAM, two_link_profile
 from robot_energy.certainty.priors import figure_std
 from robot_energy.model import RobotModel, load
+from robot_energy.model.figure import PositiveFigure
 from robot_energy.pipeline import Settings
 from robot_energy.replay.bag_replay import Progress, replay
 from robot_energy.replay.setup import ReplaySetup
@@ -74,6 +75,10 @@ class Altered(Bag):
             case "early temperature":
                 gone = power.motor_temperature_degc.copy()
                 gone[: len(gone) // 2] = np.nan
+                power = replace(power, motor_temperature_degc=gone)
+            case "but one temperature":
+                gone = np.full_like(power.motor_temperature_degc, np.nan)
+                gone[0] = power.motor_temperature_degc[0]
                 power = replace(power, motor_temperature_degc=gone)
             case "meter":
                 meter = None
@@ -279,6 +284,37 @@ def test_samples_without_the_temperatures_of_others_count_neither_for_friction_n
     result = identify_everything(bags, whole.step("dynamics").model, others)
     notes = identification_report(result, result.model, (), (), None).notes
     assert "at_55: no motor temperature of shoulder, elbow in 50 % of its samples" in notes[0]
+
+
+def test_drives_leave_out_no_sample_for_the_only_temperature_of_all(
+    folder: Path, model: RobotModel
+) -> None:
+    none, one = (
+        drive_data(
+            read_all([*bags_in(folder, missing)[:1], *bags_in(folder, "temperature")[1:]], model),
+            [None] * 3,
+            measured_torque=False,
+        ).motor_torque
+        for missing in ("temperature", "but one temperature")
+    )
+    assert np.array_equal(np.isnan(one), np.isnan(none))
+    assert np.isfinite(one).any()
+
+
+@pytest.mark.parametrize("fall", [None, 0.001])
+def test_measured_torque_needs_no_temperature_unless_magnets_weaken(
+    folder: Path, model: RobotModel, fall: float | None
+) -> None:
+    if fall is not None:
+        figure = PositiveFigure(value=fall, tag="assumed")
+        model = model.with_joints("torque_constant_fall", {"elbow": figure})
+    sound, late = (
+        drive_data(
+            read_all([*bags_in(folder)[:2], last], model), [None] * 3, measured_torque=True
+        ).motor_torque
+        for last in (bags_in(folder)[2], bags_in(folder, "early temperature")[2])
+    )
+    assert np.array_equal(np.isnan(late), np.isnan(sound)) is (fall is None)
 
 
 def test_bodies_that_are_right_already_stay(folder: Path, whole: FullIdentification) -> None:
