@@ -10,13 +10,14 @@
 
 from __future__ import annotations
 
+import math
 from copy import deepcopy
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReading, PowerState
-from ros2_energy_msgs.srv import SetPayload
+from ros2_energy_msgs.srv import CloseInterval, OpenInterval, SetPayload
 from sensor_msgs.msg import JointState
 
 from ros2_energy_monitor.base.guard import INTERNAL_ERROR
@@ -214,6 +215,22 @@ def test_a_service_with_a_defect_answers(bench):
     assert "internal error" in future.result().message
     assert dict(node.guard.errors) == {"service.set_payload": 1}
     assert node.active
+
+
+@pytest.mark.injects_errors
+@pytest.mark.parametrize(
+    ("name", "kind"), [("open_interval", OpenInterval), ("close_interval", CloseInterval)]
+)
+def test_figures_of_an_interval_that_a_defect_cost_are_unknown(bench, name, kind):
+    node = bench.add(EnergyMonitor, model="kr16", state_folder="")
+    Defect(node.account, name)
+    client = bench.tester.create_client(kind, f"energy_monitor/{name}")
+    bench.spin_until(client.service_is_ready, "the service")
+    future = client.call_async(kind.Request(name="part 7"))
+    bench.spin_until(future.done, "an answer")
+    assert not future.result().success
+    assert math.isnan(future.result().interval.predicted_import_energy)
+    assert math.isnan(future.result().interval.observed_time)
 
 
 @pytest.mark.injects_errors

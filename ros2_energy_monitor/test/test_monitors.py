@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +28,14 @@ from ros2_energy_msgs.msg import (
 from sensor_msgs.msg import JointState, Temperature
 
 import robot_energy
+from robot_energy.accounting.account import EnergyAccount
+from robot_energy.accounting.record import Identity
 from robot_energy.foundation.errors import ModelFileError, ParameterError
+from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.timeline.blocks import Quality
 from ros2_energy_monitor.base.parameters import parameter_lines
 from ros2_energy_monitor.base.publishers import latched
+from ros2_energy_monitor.diagnostics.energy import energy_source
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
 from ros2_energy_monitor.nodes.power_monitor import PowerMonitor
@@ -131,6 +136,26 @@ def test_a_power_that_is_not_known_is_said_while_it_is_so(bench, messages):
     assert node.account.counts.quality[Quality.NOT_FINITE] == 1
 
 
+def test_powers_of_another_account_are_not_those_of_the_last_second():
+    """A recording that is played begins and ends, and registers are read late."""
+    account = EnergyAccount(6)
+    findings = energy_source(account, [], MeterIngest(), 1.0)
+    account.counts.quality[Quality.NOT_FINITE] += 1
+    assert "not known" in findings().message
+    record = account.state(
+        Identity(robot_type="arm", robot_serial="7", joint_names=tuple(JOINTS), model_id="m1")
+    )
+    for change in (
+        account.begin,
+        partial(account.resume, record),
+        partial(account.precede, record),
+    ):
+        change()
+        assert "not known" not in findings().message
+    account.counts.quality[Quality.NOT_FINITE] += 1
+    assert "not known" in findings().message
+
+
 @pytest.mark.parametrize("before", [0, 50])
 def test_names_with_a_prefix_are_said_with_the_line_that_fits(bench, messages, before):
     """From the start, or from a restart of the driver on."""
@@ -146,6 +171,22 @@ def test_names_with_a_prefix_are_said_with_the_line_that_fits(bench, messages, b
         publisher.publish(state)
     names = ", ".join(f"left/{name}" for name in JOINTS)
     diagnosed.wait(name, f"set joint_states.joint_names to [{names}]: ")
+
+
+def test_a_driver_that_stops_next_to_a_gripper_is_to_be_started(bench, messages):
+    """Messages of a gripper go on; the names of the arm were right."""
+    node = bench.add(TorqueMonitor, model="kr16")
+    diagnosed, name = bench.diagnosed(), "torque_monitor: joint states"
+    publisher = bench.publisher(JointState, "joint_states")
+    gripper = JointState(name=["gripper"], position=[0.0])
+    for message in messages["/joint_states"][:50]:
+        publisher.publish(message)
+        publisher.publish(gripper)
+    bench.spin_until(lambda: node.joint_states.received == 100, "all of them")
+    diagnosed.wait_anew(name, "no joint state for")
+    publisher.publish(gripper)
+    words = "start the driver or set joint_states.topics: all 1 messages on /joint_states rejected"
+    assert "joint_names" not in diagnosed.wait(name, words).message
 
 
 def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):

@@ -140,7 +140,7 @@ def _replayed(bag: FleetBag, bag_hash: str, path: Path, model: RobotModel, scrat
         errors.take(output)
 
     def read(account: EnergyAccount, minute_ns: int) -> None:
-        hours.take(account, minute_ns)
+        hours.take(account)
         if bag.with_history and (reading := reading_of(account, model, minute_ns)) is not None:
             readings.append(reading)
 

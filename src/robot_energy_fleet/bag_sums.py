@@ -29,19 +29,15 @@ class HourSums:
         self._hours: dict[int, Int] = {}
         self._before: Int = np.zeros(len(SUMS), dtype=np.int64)
 
-    def take(self, account: EnergyAccount, minute_ns: int) -> None:
-        """Take the registers as they stand.
-
-        Args:
-            minute_ns: UTC minute up to which all samples are counted; 0 for none. [ns]
-        """
+    def take(self, account: EnergyAccount) -> None:
+        """Take the registers as they stand: they count in the hour of their newest sample."""
         end_ns, registers, standby = account.end_ns, account.registers, account.counts.standby
         if end_ns is None:
             return
         observed = registers.time.observed_ns
         imported, used = int(registers.microjoule[0]), int(standby.energy.microjoule[0])
         now = np.array([observed, observed - standby.rested_ns, imported, standby.ns, used])
-        hour = ((minute_ns or end_ns) - 1) // HOUR_NS * HOUR_NS
+        hour = (end_ns - 1) // HOUR_NS * HOUR_NS
         self._hours[hour] = self._hours.get(hour, 0) + now - self._before
         self._before = now
 

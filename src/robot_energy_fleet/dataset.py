@@ -268,6 +268,12 @@ def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
             try:
                 _read(_scan([file]))
             except UNREADABLE as own:
+                if _is_of_another_version(file):
+                    raise DatasetError(
+                        f"{folder} has rows of another version ({file})",
+                        "rows with the columns of this version",
+                        "run the bags again into a new --out, or move this folder away first",
+                    ) from own
                 reason = shown(str(own).partition("\n")[0])
                 remedy = "move it away; the next run replays those of its bags that are still there"
                 if isinstance(own, OSError):
@@ -278,6 +284,14 @@ def collected(rows: pl.LazyFrame, folder: str | Path) -> pl.DataFrame:
         raise DatasetError(
             f"{folder} changed meanwhile", "one that nothing writes to", "run the command again"
         ) from error
+
+
+def _is_of_another_version(file: Path) -> bool:
+    try:
+        columns = dict(pl.read_parquet_schema(file))
+    except UNREADABLE:
+        return False
+    return "bag" in columns and columns != dict(SCHEMA)
 
 
 def _read(rows: pl.LazyFrame) -> pl.DataFrame:

@@ -103,7 +103,9 @@ RUNS: Columns = {
     "name": TableColumn(TEXT, "", "hashes of the bag's address, of its state, of the settings"),
     "key": TableColumn(TEXT, "", "hash of bag, model, options and version; unique once read"),
     "bag": TableColumn(TEXT, "", "address of the bag"),
-    "bag_hash": TableColumn(TEXT, "", "SHA-256, as in models; null if unreadable"),
+    "bag_hash": TableColumn(
+        TEXT, "", "first 12 digits of the SHA-256, as in models; null if unreadable"
+    ),
     "robot": TableColumn(TEXT, "", "name of the robot in the fleet"),
     "date": TableColumn(TEXT, "", "UTC day of the first sample"),
     "programme": TableColumn(TEXT, "", "as the list of bags says; may be empty"),
@@ -157,9 +159,11 @@ JOBS: Columns = {
 HOURS: Columns = {
     "hour_ns": TableColumn(INTEGER, "ns since 1970", "begin of the UTC hour"),
     "motion_ns": TableColumn(INTEGER, "ns", "time not at rest"),
-    **_registers(
-        ("observed_ns", "predicted_import_microjoule", "standby_ns", "standby_microjoule")
+    **_registers(("observed_ns", "predicted_import_microjoule")),
+    "standby_ns": TableColumn(
+        INTEGER, "ns", "register: a rest is in the hour in which it has lasted a minute"
     ),
+    "standby_microjoule": TableColumn(INTEGER, "uJ", "of standby_ns"),
 }
 JOINTS: Columns = {
     "joint": TableColumn(TEXT, "", "name"),

@@ -154,7 +154,7 @@ def _robots(page: Document, answer: Figures) -> None:
 
 def _losses(page: Document, answer: Figures) -> None:
     page.heading("Where the energy goes")
-    sums = {  # None: no model has this part
+    sums = {  # None: 0, or in no model; a history does not hold which
         one["name"]: sum(v for v in one["values"] if v is not None) or None
         for one in answer["series"]
     }
@@ -168,6 +168,8 @@ def _losses(page: Document, answer: Figures) -> None:
         ],
         ("net from the grid", _kwh(net), percent(1.0 if net else None), "less what was fed back"),
     )
+    if None in sums.values():
+        page.paragraph("A dash: the part is 0, or no model has it.")
     page.figure(partial(draw_days, answer), "The same on each day.")
 
 

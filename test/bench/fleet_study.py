@@ -88,7 +88,7 @@ def fleet_tables(plan: FleetPlan) -> FleetTables:
 def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
     pipeline = pipeline_of(model, Learning.OBSERVE, with_torque=True)
     joints, hours = JointSums(model), HourSums()
-    pipeline.account.on_reading = lambda ns: hours.take(pipeline.account, ns)
+    pipeline.account.on_reading = lambda ns: hours.take(pipeline.account)
     power: list[tuple[Int, Float]] = []
     meter: list[tuple[Int, Float]] = []
 
@@ -102,7 +102,7 @@ def _rows(visit: Visit, model: RobotModel, key: int) -> Rows:
     for output in _steps(visit):
         take(pipeline.step(joint_block(output.joints), output.temperatures, output.meter))
     take(pipeline.flush())
-    hours.take(pipeline.account, 0)
+    hours.take(pipeline.account)
     stamp_ns, grid = (np.concatenate(parts) for parts in zip(*power, strict=True))
     read_ns, read = (np.concatenate(parts) for parts in zip(*meter, strict=True))
     own = {"key": str(key), "robot": visit.robot}

@@ -261,3 +261,5 @@ def test_temperatures_that_the_bag_has_under_another_name_are_noted():
     inputs = Inputs(temperature_sources={"t": TemperatureSource(topic="t")})
     notes = replay_report(replay(BAG, MODEL, ReplaySetup(inputs=inputs))).notes
     assert any(note.startswith("/motor_temperatures is not read") for note in notes)
+    none = ReplaySetup(inputs=Inputs(temperature_sources={}))
+    assert "/motor_temperatures" not in "".join(replay_report(replay(BAG, MODEL, none)).notes)

@@ -15,6 +15,7 @@ in any case: it is logged with its traceback, and an error in the diagnostics fr
 
 from __future__ import annotations
 
+import math
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -140,5 +141,19 @@ class Guard:
 def _refusal(response: Any) -> Any:
     """Return the response of a service that failed."""
     if hasattr(response, "success") and hasattr(response, "message"):
-        response.success, response.message = False, "internal error: see the log of the node"
+        return refuse(response, "internal error: see the log of the node")
     return response
+
+
+def refuse(response: Any, message: str) -> Any:
+    """Return the response of a service that refuses, for a reason, without an interval."""
+    response.success, response.message = False, message
+    if hasattr(response, "interval"):
+        response.interval = type(response.interval)(**unknown_figures(type(response.interval)))
+    return response
+
+
+def unknown_figures(kind: Any) -> dict[str, Any]:
+    """Return the figures of an answer to what was refused; ROS makes them 0, which is an energy."""
+    types = kind.get_fields_and_field_types()
+    return {name: math.nan for name, text in types.items() if text == "double"}

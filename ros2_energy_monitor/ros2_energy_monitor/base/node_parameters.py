@@ -87,8 +87,8 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
     )
     temperature_wait: float = setting("temperature_wait", 0.1, (0.0, 10.0))
     state_folder: str = parameter(
-        "Folder in which the registers are kept across restarts; $ROS_HOME is ~/.ros where it is "
-        "not set. none: they are not kept.",
+        "Folder in which the registers are kept across restarts; variables such as $HOME are read, "
+        "and $ROS_HOME is ~/.ros where it is not set. none: they are not kept.",
         "$ROS_HOME/robot_energy",
     )
     checkpoint_period: float = parameter(
@@ -208,7 +208,8 @@ class DashboardParameters:
         "File with prices, emission factor and length of a shift; empty for none.", ""
     )
     history_folder: str = parameter(
-        "Folder of the history that energy_recorder writes; none shows no history.",
+        "Folder of the history that energy_recorder writes; variables such as $HOME are read. "
+        "none: no history is shown.",
         "$ROS_HOME/robot_energy/history",
     )
 

@@ -21,7 +21,7 @@ from robot_energy.accounting.registers import Coverage
 from robot_energy.inputs.joint_states.joint_states import JointStateIngest
 from robot_energy.inputs.meter.meter import MeterIngest
 from robot_energy.inputs.rejection_log import RejectionLog
-from robot_energy.inputs.sources import names_remedy
+from robot_energy.inputs.sources import fitting_names, names_remedy
 from robot_energy.inputs.temperatures.kinds import INTERFACE_NAMES
 from robot_energy.inputs.temperatures.stuck import StuckTemperatureDetector
 from robot_energy.inputs.temperatures.temperatures import TemperatureIngest
@@ -118,7 +118,10 @@ def joint_state_source(
     def remedy_of(reason: str) -> str:
         if not ingest.samples:  # a finding of its own
             return ""
-        return names() if reason == "unknown_joint" else JOINT_STATE_REMEDIES.get(reason, "")
+        if reason == "unknown_joint":  # the driver has new names, or only a gripper is left
+            fits = fitting_names(tuple(ingest.ages), ingest.ignored_joints)
+            return names() if fits else NO_STATES
+        return JOINT_STATE_REMEDIES.get(reason, "")
 
     watches = [
         InputWatch("joint state", inbox, account, timeout, remedy=NO_STATES, remedy_of=remedy_of)
@@ -373,10 +376,14 @@ def energy_source(
         for name, inbox in zip(names, meter, strict=False)
     ]
 
-    watch_of_time, unknown_before = TimeWatch(), account.counts.quality[Quality.NOT_FINITE]
+    def unknown_of() -> tuple[object, int, int]:
+        """What tells one account from the next, and its samples without a power."""
+        return account.counts, account.restarts, account.counts.quality[Quality.NOT_FINITE]
+
+    watch_of_time, before = TimeWatch(), unknown_of()
 
     def findings() -> StatusBuilder:
-        nonlocal unknown_before
+        nonlocal before
         found = StatusBuilder("energy")
         for check in inputs:
             check(found)
@@ -410,10 +417,10 @@ def energy_source(
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
         }
-        unknown = account.counts.quality[Quality.NOT_FINITE]
-        if unknown > unknown_before:
+        now = unknown_of()
+        if now[:2] == before[:2] and now[2] > before[2]:
             found.add(WARN, NOT_KNOWN)
-        unknown_before = unknown
+        before = now
         for sentence in account.judgement.findings(comparison) + readings.clock_doubts(RECENT):
             found.add(WARN, sentence)
         return found

@@ -225,7 +225,7 @@ class ConsoleView:
         return f"no power state yet{totals}; {self._trouble() or self._notes() or ALL_IS_WELL}"
 
     def _silent(self, power: PowerState, now: float) -> bool:
-        """Whether what was shown last is no power of now."""
+        """Whether the power that was shown last is too old."""
         return now - self._received > max(STALE_AFTER, STALE_PERIODS * power.period)
 
     def _watts(self, key: str) -> str:

@@ -51,7 +51,8 @@ class RecorderParameters:
     """Parameters of the energy recorder."""
 
     folder: str = parameter(
-        "Folder of the history; $ROS_HOME is ~/.ros where it is not set.",
+        "Folder of the history; variables such as $HOME are read, and $ROS_HOME is ~/.ros where it "
+        "is not set.",
         "$ROS_HOME/robot_energy/history",
     )
     robots: tuple[str, ...] = parameter(

@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, cast
@@ -38,6 +37,7 @@ from robot_energy.messages.registers import interval_fields
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import TorqueStage
 from ros2_energy_monitor.base.checkpoints import Checkpoints
+from ros2_energy_monitor.base.guard import refuse
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.publishers import RowPublisher, latched
 
@@ -102,11 +102,8 @@ class RegisterServices:
             self._take()
             response.message = change(request, response)
         except RegisterError as error:
-            response.success, response.message = False, str(error)
-            if hasattr(response, "interval"):
-                response.interval = EnergyInterval(**unknown_figures(EnergyInterval))
             self._node.get_logger().warning(f"refused: {error}")
-            return response
+            return refuse(response, str(error))
         response.success = True
         return response
 
@@ -141,12 +138,6 @@ class RegisterServices:
         loads = [LoadEnergy(**load) for load in fields.pop("auxiliary")]
         start, end = _time(fields.pop("start_ns")), _time(fields.pop("end_ns"))
         return EnergyInterval(start=start, end=end, joints=joints, auxiliary=loads, **fields)
-
-
-def unknown_figures(kind: Any) -> dict[str, Any]:
-    """Return the figures of an answer to what was refused; ROS makes them 0, which is an energy."""
-    types = kind.get_fields_and_field_types()
-    return {name: math.nan for name, text in types.items() if text == "double"}
 
 
 def _time(stamp_ns: int) -> Time:

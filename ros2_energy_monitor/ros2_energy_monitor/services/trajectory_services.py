@@ -34,7 +34,7 @@ from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.model import RobotModel
 from robot_energy.model.payload import Payload
 from robot_energy.timeline.blocks import Float
-from ros2_energy_monitor.base.guard import Guard
+from ros2_energy_monitor.base.guard import Guard, unknown_figures
 from ros2_energy_monitor.services.prediction_process import PredictionProcess
 from ros2_energy_monitor.services.raw_service import (
     RawService,
@@ -43,7 +43,6 @@ from ros2_energy_monitor.services.raw_service import (
     points_of,
     time_of,
 )
-from ros2_energy_monitor.services.registers import unknown_figures
 from ros2_energy_monitor.services.trajectory_answers import MAX_CANDIDATES, MAX_SAMPLES
 
 LOOK = 0.2  # s between two looks for a request

@@ -148,7 +148,7 @@ class PowerDeviation:
             drive_loss: Shape (N, n). [W]
             viscous: Coefficient in use, shape (N, n). [N m s/rad]
             viscous_std: Its deviation, NaN for that of the prior, shape (N, n). [N m s/rad]
-            shared_std: The part of it that errs alike at all joints, shape (N, n). [N m s/rad]
+            shared_std: The part whose error is common to all joints, shape (N, n). [N m s/rad]
             held: Deviation of the loss at rest by what motors hold there, shape (N, n). [W]
             fan_powers: As of `FigureDeviations.grid_side`, shape (2, N). [W]
             payload_mass: In force, shape (N,). [kg]

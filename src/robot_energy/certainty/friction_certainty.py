@@ -27,14 +27,14 @@ class FrictionCertainty:
 
     A law that states no deviation has that of the prior for its tag. Beyond its fitted range
     the deviation at the edge grows with the distance, unless the law itself has one there, and what
-    the form of the law leaves out is added. What an
-    unknown temperature and the distance add errs alike at all joints: all are warm or cold
-    together.
+    the form of the law leaves out is added. The
+    error of what an unknown temperature and the distance add is common to all joints: all are warm
+    or cold together.
 
     Attributes:
         fallback_std: Where the fallback temperature is assumed, motor side, shape (n,).
             [N m s/rad]
-        fallback_shared_std: Part of it that errs alike at all joints, shape (n,). [N m s/rad]
+        fallback_shared_std: Part whose error is common to all joints, shape (n,). [N m s/rad]
     """
 
     def __init__(self, model: RobotModel) -> None:
@@ -58,8 +58,8 @@ class FrictionCertainty:
             motor_temperature_degc: NaN where the fallback is used, shape (N, n). [degC]
 
         Returns:
-            All of it, and the part that errs alike at all joints; motor side, finite, shape
-            (N, n). [N m s/rad]
+            All of it, and the part whose error is common to all joints; motor side, finite,
+            shape (N, n). [N m s/rad]
         """
         assumed = np.isnan(motor_temperature_degc)
         total, shared = self._known(motor_temperature_degc)

@@ -138,8 +138,11 @@ class ConditionLearner:
         std: Float, shared: Float, quality: Bits,
     ) -> tuple[Float, Float]:  # fmt: skip
         """Begin a part, as in `robot_energy.pipeline.power_stage.Condition.estimate`."""
-        if self._part is not None and begin_ns // PART_NS != self._part:
-            self._end_part()
+        if begin_ns // PART_NS != self._part:
+            if self._part is not None:
+                self._end_part()
+            if self._fan is not None:
+                self.fan_odds = self._fan.odds(begin_ns)
         if not self.thermal.on:
             return reading_degc, reading_degc
         self.thermal.begin(begin_ns, stuck)
@@ -238,8 +241,6 @@ class ConditionLearner:
             until = (int(samples.stamp_ns[-1]) // PART_NS + 1) * PART_NS - METER_WAIT
             windows = self._windows.step(samples.stamp_ns, samples.segment, power, until)
             self._learn_from_meter(windows, samples.motor_temperature_degc[-1], stuck)
-        if self._fan is not None:
-            self.fan_odds = self._fan.odds(self.end_ns)
         self._set_figures()
 
     def _learn_from_meter(

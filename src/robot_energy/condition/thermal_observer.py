@@ -41,13 +41,13 @@ from robot_energy.timeline.blocks import (
 )
 
 LAG_STD = 3.0  # K, of motors against the gears whose friction is seen
-FRICTION_WINDOWS = 60  # whose friction errs alike: torque constant, Coulomb friction
+FRICTION_WINDOWS = 60  # with one error of friction: torque constant, Coulomb friction
 COULOMB_SHARE = 0.03  # by which Coulomb friction is taken to be off
 MAX_ODDITY = 4.0  # standard deviations: beyond it, friction says something else
 MIN_WORK = 1.0  # J of friction in a window that says something of it
-METER_SHARE = 0.02  # of the measured power by which predictions err alike
+METER_SHARE = 0.02  # of the measured power: an error that all predictions have
 METER_LEAST = 5.0  # W, at least
-METER_WINDOWS = 60  # of 5 s, that err alike
+METER_WINDOWS = 60  # of 5 s, with the same error
 SLOT_NS = 10_000_000  # of each, the first sample is compared with the meter [ns]
 PLACES = (MeterLocation.GRID, MeterLocation.DC_BUS)
 

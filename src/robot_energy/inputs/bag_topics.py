@@ -80,7 +80,7 @@ def find_temperatures(
                 held[name] = found
             else:
                 notes.append(f"the bag has no {lacks}: the temperature source '{name}' is not used")
-        if not held:
+        if sources and not held:
             notes += [_instead(topic, "--temperatures") for topic in by_type]
         return held, notes
     for topic in [one for one in by_type if one not in foreign] if topics is None else topics:

@@ -7,8 +7,11 @@ declare its parameters, and the parameter file of the node serves replay.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import yaml
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.auxiliary import AuxiliaryInputs
@@ -91,17 +94,23 @@ class JointStateSource:
         return tuple(None if each == nothing else each for each in found.values())
 
 
-def names_remedy(joints: Sequence[str], met: Collection[str]) -> str:
-    """Return what to do where messages lack joints of a model.
+def fitting_names(joints: Sequence[str], met: Collection[str]) -> list[str]:
+    """Return the names that end as the joints of a model, in its order; empty unless each has one.
 
     Args:
         joints: Those of the model.
         met: What messages name and the model does not know.
     """
     alike = [[name for name in met if name.endswith(joint)] for joint in joints]
-    names = ", ".join(one[0] for one in alike) if all(len(one) == 1 for one in alike) else ""
+    return [one[0] for one in alike] if all(len(one) == 1 for one in alike) else []
+
+
+def names_remedy(joints: Sequence[str], met: Collection[str]) -> str:
+    """Return what to do where messages lack joints of a model; arguments as of `fitting_names`."""
+    names = fitting_names(joints, met)
     remedy = "use the model of this robot, or set joint_states.joint_names"
-    return f"{remedy} to [{names}]" if names else remedy
+    line = yaml.safe_dump(names, default_flow_style=True, width=math.inf, allow_unicode=True)
+    return f"{remedy} to {line.strip()}" if names else remedy
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -320,7 +320,9 @@ class FanStage:
             if self._runs is not None:
                 runs[:, place] = self._runs
         if self.odds != 1.0:
-            runs[:] = self.odds * runs[1] / (1.0 - runs[1] + self.odds * runs[1])
+            sure = abs(self.odds - 1.0) / (self.odds + 1.0)
+            runs[0] += sure * (runs[1] - runs[0])
+            runs = self.odds * runs / (1.0 - runs + self.odds * runs)
         samples = np.diff(np.append(begins, len(warmest)))
         self.powers = self._power * np.repeat(runs, samples, axis=1)
         return self.powers[0]

@@ -341,6 +341,7 @@ def _energy(report: FleetReport, page: Document, settings: PageSettings) -> None
         report.shifts,
         "all",
     )
+    page.paragraph("A rest counts as standby of the hour in which it has lasted a minute.")
 
 
 def _friction(report: FleetReport, page: Document) -> None:

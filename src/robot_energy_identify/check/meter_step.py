@@ -27,7 +27,7 @@ ALIKE = 1e-3  # share of the variance of s that a and b p may leave, below which
 
 
 def by_second(compared: Compared) -> Compared:
-    """Return the sums of each second, which are the same however the input was cut."""
+    """Return the sums of each second; those of a cut input differ from them by rounding alone."""
     second, place = np.unique(compared.stamp_ns // SECOND_NS, return_inverse=True)
 
     def total(values: Float) -> Float:
@@ -61,6 +61,7 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
         (row, slice(row - width, row + width))
         for width in WIDTHS
         for row in range(width, len(second) - width + 1)
+        if second[row + width - 1] - second[row - width] < 2 * width * MAX_SPACING
     ]
     found = [
         (sure, step, row)

@@ -175,9 +175,9 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
     if not fit.known.any():
         return [], f"no joint has {LEAST} with an acceleration"
     found, last, unseen = search(fit)
-    if found and (other := _other_robot(evidence, last)) is not None:
-        return [other], ""
     alone = [TorqueFit(part) for part in parts]
+    if found and (other := _other_robot(evidence, last, alone)) is not None:
+        return [other], ""
     findings = [
         _finding(evidence, one, last)
         for one in found
@@ -196,33 +196,45 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
     return findings, ""
 
 
-def _other_robot(evidence: Evidence, last: TorqueFit) -> Finding | None:
+def _other_robot(evidence: Evidence, last: TorqueFit, alone: Sequence[TorqueFit]) -> Finding | None:
     """The shipped model with the same joint names that explains the torque better than any cause.
 
-    Robots of one maker have the same joint names in every size.
+    Robots of one maker have the same joint names in every size. What explains no more than the
+    search did, or makes a recording ``alone`` less likely, is not named.
     """
-    costs: dict[str, float] = {}
+    fits: dict[str, TorqueFit] = {}
     for name in shipped_models():
         model = load(name)
         if model.joint_names == evidence.names and model.robot.type != evidence.model.robot.type:
-            factor = _effort_factor(evidence.effort, model) / _effort_factor(
-                evidence.effort, evidence.model
-            )
-            drivetrain, robot = Drivetrain.from_model(model), Robot.from_model(model)
-            torque = factor * evidence.motor_torque
-            other = replace(
-                evidence, model=model, robot=robot, drivetrain=drivetrain, motor_torque=torque
-            )
-            costs[name] = TorqueFit(other.thinned()).cost
-    best = min(costs, key=lambda name: costs[name], default="")
-    if not best or not last.cost - costs[best] > NEEDED:
+            fit = TorqueFit(_as_model(evidence, model).thinned())
+            if np.array_equal(fit.known, last.known):  # without a joint, a cost means less
+                fits[name] = fit
+    best = min(fits, key=lambda name: fits[name].cost, default="")
+    if not best or not last.cost - fits[best].cost > NEEDED or _not_mended(fits[best], ()):
+        return None
+    model = fits[best].evidence.model
+    if any(TorqueFit(_as_model(part.evidence, model)).cost > part.cost + ALIKE for part in alone):
         return None
     return Finding(
         "other_robot", ERROR, evidence.names,
         f"the torque is that of the shipped model {best}, which has the same joint names, and not "
         f"of {evidence.model.robot.type}: no single mistake explains it as well",
-        last.cost - costs[best], f"take {best} as the model (--model), or one that began with it",
+        last.cost - fits[best].cost,
+        f"take {best} as the model (--model), or one that began with it",
     )  # fmt: skip
+
+
+def _as_model(evidence: Evidence, model: RobotModel) -> Evidence:
+    """The evidence with the same effort, taken for that of another model."""
+    factor = _effort_factor(evidence.effort, model)
+    return replace(
+        evidence,
+        model=model,
+        robot=Robot.from_model(model),
+        drivetrain=Drivetrain.from_model(model),
+        motor_torque=evidence.motor_torque
+        * (factor / _effort_factor(evidence.effort, evidence.model)),
+    )
 
 
 def _effort_factor(effort: EffortMeaning, model: RobotModel) -> Float:

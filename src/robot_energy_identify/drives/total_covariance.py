@@ -11,8 +11,8 @@ that in deviations of its law [-]: 1 + 5 n figures. ``chosen`` is what the model
 axes may share figures. M is what constant errors of the sensors do to x: readings never show them.
 
 Before the readings, figures are those of the given model. A figure with a deviation of its own
-errs by that. One without has a prior ``s_k``, which is a judgement: all joints err alike by it, and
-each for itself by ``size s_k``. The size is not known. Before the readings it has a half-Cauchy
+errs by that. One without has a prior ``s_k``, which is a judgement: an error common to all joints,
+and one of each, ``size s_k``. The size is not known. Before the readings it has a half-Cauchy
 distribution of median 1 (Gelman 2006, Bayesian Analysis 1(3), 515-534); readings weigh each size by
 their likelihood. So axes of which the readings say nothing are as sure as the others turned out to
 be. Readings have the weights that they have in the fit; of K, ``f K`` count as independent.

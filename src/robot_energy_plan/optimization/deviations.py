@@ -9,7 +9,7 @@ than in `robot_energy.certainty.deviation`, as slower motion takes another share
 
 What the form of friction and drive losses leaves out is a curve over speed that nobody knows. It
 is taken as a share ``e(|w|)`` of these losses, linear between the speeds of `KNOTS`, with
-independent values there: losses at one speed err alike, at other speeds differently. Two more
+independent values there: losses at one speed have the same error, at other speeds another. Two more
 columns are for what the form of the cabinet leaves out: the power at rest, which is not a constant
 (fans), and the energy that drives feed back, of which a DC link keeps a part that its model does
 not have. And each place of rest has a column of its own, for what holding there costs.

@@ -204,7 +204,7 @@ def test_the_deviation_of_figures_known_together_is_that_of_their_covariance(mon
 def test_friction_and_a_loss_whose_sum_is_known_have_no_deviation():
     """Coulomb friction goes with speed as the linear loss does: what one has more, the other lacks.
 
-    Where both err alike, their errors add; deviations hold for 10 ms.
+    Where both have the same error, it adds; deviations hold for 10 ms.
     """
     found = certain(data())
     found["covariance"] = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,7 +85,23 @@ def test_a_robot_that_warms_up_under_a_slow_meter_is_no_step() -> None:
     assert step_of(compared(power, warm, apart=30 * RATE), BEGIN) is None
 
 
-def test_seconds_are_the_same_however_the_input_is_cut() -> None:
+@pytest.mark.parametrize("missing", [60, 1800])
+def test_a_robot_that_is_warm_after_a_gap_is_no_step(missing: int) -> None:
+    power = predicted()
+    warm = later(20, len(power)) > 0
+    cut = compared(power, np.where(warm, power, power + 300.0))
+    assert step_of(cut, BEGIN) is not None  # without the gap
+    stamp = cut.stamp_ns + np.where(warm, missing * SECOND_NS, 0)
+    assert step_of(replace(cut, stamp_ns=stamp), BEGIN) is None
+
+
+def test_a_step_is_found_in_seconds_of_which_some_are_missing() -> None:
+    power = predicted(80)
+    cut = compared(power, power + 300.0 * later(40, len(power)))
+    assert step_of(cut[(cut.stamp_ns // SECOND_NS) % 3 > 0], BEGIN) is not None
+
+
+def test_seconds_of_a_cut_input_differ_by_rounding_alone() -> None:
     power = predicted()
     whole = compared(power, power)
     parts = [by_second(whole[slice(at, at + 37)]) for at in range(0, len(power), 37)]

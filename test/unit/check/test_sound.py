@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mistakes import mistakes, rewrite
+from mistakes import mistakes, rewrite, shifted
 from places import ROOT
 from refusals import refused
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
+from robot_energy.model.figure import PositiveFigure
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
@@ -17,11 +18,28 @@ from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.identify import identify_friction
 from robot_energy_identify.check import check, check_together
 from robot_energy_identify.check.evidence import MAX_SAMPLES, Windows
+from robot_energy_identify.check.torque import check_torque
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.refused_recordings import torque_evidence
 from sound_recordings import foreign, on_the_rig, with_remedy, write_states
 
 SOUND, MODEL = ROOT / "bags/kr16_cold", load("kr16")
 MOTOR_TORQUE = EffortMeaning.MOTOR_TORQUE
 SECONDS = 15.0
+
+
+def causes(result):
+    return {one.cause for one in result.findings}
+
+
+def noisy(size):
+    """A change of messages to an effort that is noise."""
+    noise = np.random.default_rng(0)
+
+    def change(message):
+        message.effort = noise.normal(0.0, size, len(message.effort))
+
+    return change
 
 
 def source(result):
@@ -65,6 +83,40 @@ def test_a_robot_of_another_size_with_the_same_joint_names_is_named(tmp_path):
     assert not check(one.bag, one.model, one.effort).errors
     with refused(ImplausibleIdentificationError, found="ur5e", remedy="take ur5e as the model"):
         identify_friction(one.bag, load("ur10e"), "motor_current")
+
+
+def test_a_robot_with_two_mistakes_is_not_another_robot(tmp_path):
+    """The search ends where the first is open; the bodies of a UR10e fit better, but not well."""
+    one = foreign("ur5e", 203, "random", tmp_path, carried=3.0)
+    bag = rewrite(one.bag, tmp_path / "shifted", shifted(1, 0.3), None)
+    assert "other_robot" not in causes(check(bag, one.model, one.effort))
+
+
+def test_effort_that_is_no_torque_is_not_that_of_another_robot(tmp_path):
+    one = on_the_rig("ur5e", 2, tmp_path)
+    result = check(rewrite(one.bag, tmp_path / "noisy", noisy(2.0), None), one.model, one.effort)
+    assert "torque_unexplained" in causes(result)
+    assert "other_robot" not in causes(result)
+
+
+def test_a_model_without_torque_constants_is_not_that_of_a_recorded_current(tmp_path):
+    """The KR 16 has none: no torque of it is known, which costs nothing."""
+    constant = PositiveFigure(value=1.0, tag="assumed")
+    model = MODEL.with_joints("torque_constant", dict.fromkeys(MODEL.joint_names, constant))
+    model = model.changed(robot=model.robot.model_copy(update={"type": "KUKA KR 10"}))
+    bag = rewrite(SOUND, tmp_path / "bag", noisy(3.0), None, SECONDS)
+    assert "other_robot" not in causes(check(bag, model, EffortMeaning.MOTOR_CURRENT))
+
+
+def test_another_robot_is_not_named_against_one_of_the_recordings(tmp_path):
+    wrong = load("ur10e")
+    small, large = (
+        torque_evidence(read_recording(one.bag, wrong, one.effort), one.effort)
+        for one in (on_the_rig(robot, 1, tmp_path) for robot in ("ur5e", "ur10e"))
+    )
+    for parts, named in (((small,), True), ((small, large), False)):
+        found, _ = check_torque(small, [part.thinned() for part in parts])
+        assert ("other_robot" in {one.cause for one in found}) is named
 
 
 def test_velocities_that_are_held_blame_nothing_else(tmp_path):

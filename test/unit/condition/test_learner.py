@@ -111,6 +111,26 @@ def test_the_meter_shows_whether_a_fan_runs_however_it_is_cut(runs):
     assert fan_powers([], meter=False) == pytest.approx(100.0)
 
 
+def test_after_an_hour_without_samples_the_meter_says_no_more_of_a_fan():
+    """It was found to run, with 200 W; from the first sample after the gap on it has 100 W."""
+    model, constant = with_open_fan(True)
+    output = rig(50.0).step(2500)
+    joints = joint_block(output.joints)
+    end = int(joints.stamp_ns[1500])
+    before, after = (
+        [block[(block.stamp_ns <= end) == early] for block in (joints, output.temperatures)]
+        for early in (True, False)
+    )
+    after = [replace(block, stamp_ns=block.stamp_ns + 3_600_000_000_000) for block in after]
+    pipeline = EnergyPipeline(model, Settings(learning=Learning.APPLY))
+    pipeline.step(*before, output.meter[output.meter.stamp_ns <= end])
+    found = [pipeline.step(*after).power, pipeline.flush().power]
+    power = np.concatenate([one.loss_grid for one in found if one is not None]) - constant
+    assert power[0] == pytest.approx(200.0, abs=2.0)  # a sample waits for the derivative
+    later = np.concatenate([one.stamp_ns for one in found if one is not None]) > end + 10**12
+    assert power[later] == pytest.approx(100.0)
+
+
 def test_observing_changes_no_energy():
     off, observed = (run(way, True, []) for way in (Learning.OFF, Learning.OBSERVE))
     np.testing.assert_array_equal(

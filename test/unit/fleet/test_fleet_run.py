@@ -18,7 +18,7 @@ import pytest
 
 import robot_energy as re
 from histories import HOUR, Robot
-from logbook import wheel_bag, wheel_model, wheel_start
+from logbook import SPEED, mapping, wheel_bag, wheel_model, wheel_start, write_csv
 from places import ROOT
 from robot_energy.bag.cdr.decode import RawBatch
 from robot_energy.foundation.errors import DatasetError
@@ -31,6 +31,7 @@ from robot_energy_fleet.dataset import Dataset, read_tables, scan
 from robot_energy_fleet.fleet_run import FleetRun, in_turn, on_dask, run_fleet
 from robot_energy_history.readings import PHASES, ReadingDecoder
 from robot_energy_history.store import HistoryStore
+from robot_energy_logs.log_import import import_log
 
 BAG = ROOT / "bags" / "kr16_all_topics"
 WARM = ROOT / "bags" / "kr16_warm"
@@ -145,6 +146,23 @@ def test_a_history_has_what_the_dataset_has(tmp_path):
     assert report.robots[0].grid_energy == pytest.approx(theirs.runs["grid_energy"][0])
     assert report.robots[0].jobs == 2
     assert not any("no recorder" in note for note in report.notes)
+
+
+def test_energy_before_a_gap_over_an_hour_is_in_its_own_hour(tmp_path):
+    """60 s of the wheel at 68 W; 90 minutes are missing, which begin 30 s before an hour."""
+    seconds = [number / 20 + (5400.0 if number > 600 else 0.0) for number in range(1201)]
+    rows = [(f"{t:.3f}", f"{SPEED * t:.6f}", SPEED) for t in seconds]
+    time = {"column": "t", "start": "2024-05-06T06:59:00Z"}
+    log = write_csv(tmp_path / "wheel.csv", "t,q_axle,w_axle", rows)
+    import_log(log, mapping(time=time, power=None), tmp_path / "bag")
+    place, kept, model = tmp_path / "d", tmp_path / "h", wheel_model(tmp_path)
+    re.fleet_run(tmp_path / "bag", place, str(model), workers=0, history=kept, name="a")
+    hours = read_tables(place).hours
+    assert hours["observed_time"].to_list() == pytest.approx([30.0, 30.0], abs=0.2)
+    assert hours["grid_energy"].to_list() == pytest.approx([68.0 * 30.0] * 2, rel=0.01)
+    recorded = read_tables(kept).hours
+    for column in ("hour_ns", "observed_time", "grid_energy"):
+        assert hours[column].to_list() == recorded[column].to_list(), column
 
 
 def test_what_no_hour_of_a_history_holds_is_said(tmp_path):

@@ -293,6 +293,7 @@ def test_the_command_writes_page_json_and_model(place, tmp_path, monkeypatch, ca
         assert name in html
     assert html.count("<svg") or html.count("data:image/svg+xml") == 4
     assert "gravity says" in out
+    assert "standby of the hour in which it has lasted a minute" in out
     assert len(json.loads((tmp_path / "f.json").read_text())["robots"]) == ROBOTS
     assert main(["fleet", "identify", data, "--model", "kr16", "--out", "m.yaml"]) == 0
     assert load("m.yaml").joints[0].friction.coulomb.tag == "identified"

@@ -77,10 +77,11 @@ def test_parts_have_one_name_in_report_and_page():
     assert {"constant losses", "lifting, accelerating"} <= {*on_page.values()} & {*TERMS}
 
 
-def test_a_part_that_no_model_has_is_a_dash(folder):
+def test_a_part_of_0_is_a_dash_that_is_explained(folder):
     text = text_of(month_document(folder, "2026-03", NOW))
     assert f"{PARTS['brake']} \u2013 \u2013 {MEANINGS['brake']}" in text
     assert re.search(rf"{PARTS['drives']} [\d.]+ [\d.]+ %", text)
+    assert "A dash: the part is 0, or no model has it." in text
 
 
 def test_names_are_text(folder):

@@ -1,8 +1,9 @@
 import pytest
+import yaml
 
 from robot_energy.foundation.errors import ParameterError
 from robot_energy.inputs.parameters import assemble
-from robot_energy.inputs.sources import Inputs, TemperatureSource
+from robot_energy.inputs.sources import Inputs, TemperatureSource, names_remedy
 from robot_energy.inputs.temperatures.kinds import (
     DIAGNOSTICS,
     DYNAMIC_JOINT_STATE,
@@ -83,3 +84,11 @@ def test_sources_must_differ_and_agree_on_the_type_of_a_topic():
         inputs(temperature_sources=["one", "two"])
     with pytest.raises(ParameterError, match=r"'two' reads motor_temperatures as .*Temperature"):
         inputs(temperature_sources=["one", "two"], **{"two.type": TEMPERATURE})
+
+
+def test_the_line_of_joint_names_is_yaml():
+    met = ["r: a1", "left/a2", "gripper"]
+    remedy = names_remedy(("a1", "a2"), met)
+    assert yaml.safe_load(remedy.partition(" to ")[2]) == ["r: a1", "left/a2"]
+    assert remedy.endswith(" to ['r: a1', left/a2]")
+    assert names_remedy(("a1", "a3"), met).endswith("set joint_states.joint_names")

@@ -181,17 +181,34 @@ def test_the_warmest_motor_is_that_of_the_highest_reading_less_what_its_thermome
 
 
 def test_what_a_meter_shows_counts_where_the_temperature_leaves_it_open():
-    """At 42 degC 5/12 run without the begins of recordings: with odds of 3 it is 15/22."""
+    """At 42 degC 5/12 run without the begins of recordings, and 0 with them.
+
+    Of odds of 3 the first are believed to (3 - 1) / (3 + 1), which is 5/24, and 15/34 run.
+    """
     cabinet = cabinet_with_fan(std=3.0 / np.sqrt(3.0))
     begins = Figure(value=42.0, tag="identified")
     fan = cabinet.fan.model_copy(update={"begins_off_to_degc": begins})
     stage = FanStage(cabinet.model_copy(update={"fan": fan}))
     stage.odds = 3.0
-    np.testing.assert_allclose(stage.step(np.array([[42.0]])), [30.0 * 15.0 / 22.0])
-    np.testing.assert_allclose(stage.powers, [[30.0 * 15.0 / 22.0]] * 2)
+    np.testing.assert_allclose(stage.step(np.array([[42.0]])), [30.0 * 15.0 / 34.0])
+    np.testing.assert_allclose(stage.powers, [[30.0 * 15.0 / 34.0], [30.0 * 15.0 / 22.0]])
     np.testing.assert_allclose(stage.step(np.array([[50.0], [30.0]])), [30.0, 0.0])
     stage.odds = 1.0
     np.testing.assert_allclose(stage.step(np.array([[50.0], [42.0]])), [30.0, 25.0])
+
+
+def test_a_meter_that_says_nothing_leaves_the_fan_as_it_was():
+    """A recording that began at 42 degC without the fan counts until a meter says the contrary."""
+    cabinet = cabinet_with_fan(std=3.0 / np.sqrt(3.0))
+    begins = Figure(value=42.0, tag="identified")
+    fan = cabinet.fan.model_copy(update={"begins_off_to_degc": begins})
+    stage, powers = FanStage(cabinet.model_copy(update={"fan": fan})), []
+    for odds in (1.0 - 1e-9, 1.0, 1.0 + 1e-9, np.exp(20.0)):
+        stage.odds = odds
+        stage.step(np.array([[42.0]]))
+        powers.append(stage.powers[:, 0])
+    np.testing.assert_allclose(powers[:3], [[0.0, 12.5]] * 3, atol=1e-7)
+    np.testing.assert_allclose(powers[3], [30.0, 30.0], atol=1e-6)
 
 
 def test_above_its_start_a_fan_runs_even_if_its_hysteresis_is_smaller_than_the_deviation_of_that():
