@@ -183,6 +183,8 @@ class Rows(Described):
                     if flat
                     else np.concatenate([*map(np.transpose, parts)], axis=1).T
                 )
+            elif value is None and any(part is not None for part in parts):
+                raise ValueError(f"{name} is in some of the rows to be joined, and not in all")
         block = object.__new__(type(first))
         block.__dict__.update(entries)
         return block

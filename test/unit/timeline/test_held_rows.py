@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated
 
-from robot_energy.timeline.blocks import HeldRows
+import numpy as np
+import pytest
+
+from robot_energy.timeline.blocks import Float, HeldRows, Rows
 
 HELD = HeldRows(
     np.arange(8.0).reshape(4, 2),
@@ -29,3 +32,22 @@ def test_a_part_that_is_joined_again_and_again_does_not_grow():
         np.testing.assert_array_equal(np.asarray(block)[1:], HELD)
         last = block[slice(-1, None)]
     assert len(block.values) == 5
+
+
+class Sampled(Rows):
+    speed: Annotated[Float, "Shape (N,)."]
+    load: Annotated[Float | None, "Shape (N,)."] = None
+
+
+def test_what_some_rows_lack_is_refused_in_either_order():
+    """It would be dropped, or stand at other samples."""
+    bare, loaded = Sampled(np.zeros(2)), Sampled(np.zeros(3), np.ones(3))
+    assert Sampled.concatenate([bare, bare]).load is None
+    np.testing.assert_array_equal(Sampled.concatenate([loaded, loaded]).load, np.ones(6))
+    for blocks, words in (
+        ([bare, loaded], "load is in some"),
+        ([bare, bare, loaded], "load is in some"),
+        ([loaded, bare], "same number of dimensions"),  # as numpy says
+    ):
+        with pytest.raises(ValueError, match=words):
+            Sampled.concatenate(blocks)
