@@ -159,7 +159,8 @@ def test_a_robot_that_has_the_name_of_another_is_said(bench: Any, tmp_path: Any,
     else:
         bench.add(node, port=0, history_folder="none")
     said: list[str] = []
-    words = "a robot without a namespace is called robot, as that of the namespace /robot"
+    word = "recorded" if node is EnergyRecorder else "shown"
+    words = f"as that of the namespace /robot: one of them is not {word}; give the first"
     bench.spin_until(lambda: said.append(capfd.readouterr().err) or words in "".join(said), words)
 
 

@@ -163,7 +163,7 @@ class ManagedNode(LifecycleNode, ABC):
     def _read_as(self, topic: str) -> str:
         """Say as which types this node reads a topic; empty if it does not."""
         name = self.resolve_topic_name(topic)
-        types = {one.msg_type.__name__ for one in self.subscriptions if one.topic_name == name}
+        types = {_name(one.msg_type) for one in self.subscriptions if one.topic_name == name}
         return f": another input reads it as {', '.join(sorted(types))}" if types else ""
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:

@@ -25,6 +25,10 @@ REGISTERS_TOPIC = "energy/registers"
 TORQUE_TOPIC = "energy/joint_torque"
 FRICTION_TOPIC = "energy/joint_friction"
 CONDITION_TOPIC = "energy/condition"
+ONE_NAME = (
+    "a robot without a namespace is called robot, as that of the namespace /robot: one of them is "
+    "not {}; give the first a namespace"
+)
 MAX_FINISH = 1.0  # for subscribers to acknowledge the last messages of a node that ends [s]
 
 

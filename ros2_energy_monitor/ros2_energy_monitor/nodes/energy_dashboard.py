@@ -37,6 +37,7 @@ from ros2_energy_monitor.base.node_parameters import DashboardParameters
 from ros2_energy_monitor.base.parameters import declare, folder_of
 from ros2_energy_monitor.base.publishers import (
     FRICTION_TOPIC,
+    ONE_NAME,
     POWER_TOPIC,
     REGISTERS_TOPIC,
     best_effort,
@@ -170,10 +171,6 @@ def namespace_of(status: str) -> str:
     return status.partition(": ")[0].strip("/").rpartition("/")[0]
 
 
-ONE_NAME = (
-    "a robot without a namespace is called robot, as that of the namespace /robot: one of them is "
-    "not shown; give the first a namespace"
-)
 LOOK_PERIOD = 1.0  # between two looks for robots, services and job intervals [s]
 POWER_TYPE = "ros2_energy_msgs/msg/PowerState"
 
@@ -266,7 +263,7 @@ class EnergyDashboard(Node):
         """Feed a robot, unless it is there already or the page is full."""
         name = namespace.strip("/") or "robot"
         if name in self._feeds and self._feeds[name].namespace != namespace.strip("/"):
-            self.get_logger().warning(ONE_NAME, once=True)
+            self.get_logger().warning(ONE_NAME.format("shown"), once=True)
         with self.hub.lock:
             state = self.hub.robot(name) if name not in self._feeds else None
         if state is not None:

@@ -27,7 +27,7 @@ from robot_energy_history.store import MAX_ROBOTS, HistoryStore
 from ros2_energy_monitor.base.inbox import Inbox
 from ros2_energy_monitor.base.lifecycle import ManagedNode
 from ros2_energy_monitor.base.parameters import declare, folder_of
-from ros2_energy_monitor.base.publishers import REGISTERS_TOPIC, best_effort
+from ros2_energy_monitor.base.publishers import ONE_NAME, REGISTERS_TOPIC, best_effort
 from ros2_energy_monitor.base.reader_memory import make_room_as_needed
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.reporter import (
@@ -87,10 +87,6 @@ class RecorderParameters:
 
 REGISTERS_TYPE = "ros2_energy_msgs/msg/EnergyRegisters"
 MEGABYTE = 2**20
-ONE_NAME = (
-    "a robot without a namespace is called robot, as that of the namespace /robot: one of them is "
-    "not recorded; give the first a namespace"
-)
 LATE = 30.0  # a write that takes longer is said [s]
 STATUSES = 4000  # diagnostic messages that wait
 STATUS_PERIOD = 5.0  # between two looks at them, of each node at the newest [s]
@@ -219,7 +215,7 @@ class EnergyRecorder(ManagedNode):
     def _add(self, namespace: str) -> None:
         name = namespace.strip("/") or "robot"
         if name in self._robots and self._robots[name].namespace != namespace.strip("/"):
-            self.get_logger().warning(ONE_NAME, once=True)
+            self.get_logger().warning(ONE_NAME.format("recorded"), once=True)
         if self.store is None or name in self._robots:
             return
         if len(self._robots) >= MAX_ROBOTS:
