@@ -194,5 +194,5 @@ def test_no_figure_is_cut_at_any_width(board):
 def test_the_console_imports_no_state_of_the_page():
     code = "import sys, ros2_energy_monitor.nodes.console; print(*sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "robot_energy_report.stale" in run.stdout.split()
+    assert "robot_energy_report.page.stale" in run.stdout.split()
     assert "robot_energy_report.page.robot_state" not in run.stdout.split()

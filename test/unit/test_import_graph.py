@@ -47,7 +47,7 @@ MODULES = {
         regular_file temporary_folder
     """,
     "robot_energy.inputs": """
-        auxiliary bag_topics inputs_file options parameters rejection_log sources
+        auxiliary bag_topics inputs_file options parameters rejection_log remedies sources
     """,
     "robot_energy.inputs.joint_states": """
         correction decode joint_states partial_states plausibility publisher_conflicts
@@ -195,7 +195,7 @@ MODULES = {
     "robot_energy_report.page": """
         access alarms energy_flow headless_browser history history_figures history_view hub
         json_numbers messages metrics recording robot_state saved_page
-        settings web_app web_server
+        settings stale web_app web_server
     """,
     "robot_energy_rig": """
         config plant profile record sensors virtual_rig

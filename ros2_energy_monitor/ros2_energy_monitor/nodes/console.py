@@ -29,8 +29,8 @@ from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, PowerState
 from robot_energy.foundation.shown_text import MAX_LINE, shown
 from robot_energy.foundation.units import JOULE_PER_WH
 from robot_energy_report.formats import summing
+from robot_energy_report.page.stale import is_stale
 from robot_energy_report.printing import fitted_table, width_of
-from robot_energy_report.stale import is_stale
 from ros2_energy_monitor.base.node_parameters import ConsoleParameters
 from ros2_energy_monitor.base.parameters import declare
 from ros2_energy_monitor.base.publishers import (

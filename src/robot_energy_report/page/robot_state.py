@@ -43,7 +43,7 @@ from robot_energy_report.page.messages import (
     phase_rows,
 )
 from robot_energy_report.page.settings import CostCounter, PageSettings
-from robot_energy_report.stale import is_stale
+from robot_energy_report.page.stale import is_stale
 
 OVERVIEW = (
     "stale", "phase", "predicted_grid_power", "measured_power", "predicted_power_at_meter",

@@ -19,7 +19,7 @@ from robot_energy_report.page.hub import MAX_ROBOTS, PageHub
 from robot_energy_report.page.json_numbers import json_text
 from robot_energy_report.page.robot_state import RobotState
 from robot_energy_report.page.settings import PageSettings
-from robot_energy_report.stale import STALE_AFTER
+from robot_energy_report.page.stale import STALE_AFTER
 
 
 @pytest.fixture
