@@ -222,10 +222,10 @@ def live(seconds: float, model: str, folder: Path, stop: StopSignal) -> bool:
                     end = now + seconds
                 if now > (limit if end is None else end):
                     break
+            console.close()
             if end is not None and not stop.received:
                 print(console.board.energy_error(), flush=True)
                 print(save_page(url, folder), flush=True)
-            console.close()
             executor.shutdown()
             console.destroy_node()
         return _verdict(children, started=end is not None, stopped=stop.received)
