@@ -167,14 +167,15 @@ def test_how_the_input_is_cut_makes_no_difference(response):
 def test_where_the_meter_is_ahead_of_the_prediction_no_sample_is_kept_for_long():
     """As with a wide derivative window: every sample is compared in the step that brings it."""
     power, shown = work(600)
-    comparison = Comparison(response=MeterResponse(0.3, stated=True))
-    comparison.measure(readings(shown))
-    tracemalloc.start()
-    compared(comparison, power, range(RATE, len(power), RATE))
-    held = tracemalloc.get_traced_memory()[0]
-    tracemalloc.stop()
+    for _ in range(2):  # what Python and numpy keep once and for all is there after the first
+        comparison = Comparison(response=MeterResponse(0.3, stated=True))
+        comparison.measure(readings(shown))
+        tracemalloc.start()
+        compared(comparison, power, range(RATE, len(power), RATE))
+        held = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
     assert comparison.compared_ns > 590 * SECOND
-    assert held < len(power) * 12  # a quarter of what all samples take
+    assert held < len(power) * 8  # a sixth of what all samples take
 
 
 def test_a_lag_that_nobody_states_is_found_and_used_from_then_on():
