@@ -128,7 +128,7 @@ def test_friction_of_another_model_or_of_a_node_that_has_ended_is_said(bench, tm
 
 
 def test_a_power_that_is_not_known_is_said_while_it_is_so(bench, messages):
-    """A joint state alone between two gaps is no reason for a warning that never ends."""
+    """The warning about a joint state alone between two gaps ends."""
     node = bench.add(EnergyMonitor, model="kr16", state_folder="")
     diagnosed, name = bench.diagnosed(), "energy_monitor: energy"
     publisher = bench.publisher(JointState, "joint_states")

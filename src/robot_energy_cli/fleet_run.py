@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 SHOWN = 10  # reasons, and damaged bags
 PACKED_WATCHING = 64  # rows of a robot and day that are merged while watching
-LOG_EVERY = 30.0  # between two lines where there is no terminal [s]
+LOG_EVERY = 30.0  # between two lines without a terminal [s]
 OPTIONS: Options = {
     "bags FOLDER|PATTERN|CSV": "where the bags are",
     "--out DATASET": ("folder of the dataset", REQUIRED),

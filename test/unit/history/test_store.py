@@ -248,7 +248,7 @@ def test_a_full_disk_leaves_all_waiting_and_bounded(store, monkeypatch):
 
 
 def test_what_ends_the_making_of_the_tables_is_said(tmp_path, monkeypatch):
-    """A full disk ends the transaction by itself: that it cannot be rolled back is no cause."""
+    """A full disk ends the transaction by itself: a failed rollback is not the cause."""
     monkeypatch.setattr(database, "TABLES", "COMMIT;SELECT full")
     store = HistoryStore(tmp_path / "h")
     assert not store.write(0)
