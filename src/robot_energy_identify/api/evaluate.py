@@ -165,6 +165,6 @@ def _recording(
     return RecordingScore(
         bag.name, sha256, seen, reason, report.origin, report.time.observed_time, *degc,
         place, meter.compared_time, meter.measured_energy,
-        meter.half_relative, report.uncertainty.inside, (), report.problems,
+        meter.half_relative, report.uncertainty.inside_parametric, (), report.problems,
         report.notes,
     )  # fmt: skip
