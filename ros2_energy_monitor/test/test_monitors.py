@@ -194,6 +194,28 @@ def test_a_driver_that_stops_next_to_a_gripper_is_to_be_started(bench, messages)
     assert "joint_names" not in diagnosed.wait(name, words).message
 
 
+@pytest.mark.parametrize("gone", [0, 5])  # the first one leads where messages lack some
+def test_a_joint_that_no_message_has_any_more_is_named(bench, messages, gone):
+    bench.add(TorqueMonitor, model="kr16", input_timeout=0.3)
+    diagnosed, name = bench.diagnosed(), "torque_monitor: joint states"
+    publisher = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:50]:
+        publisher.publish(message)
+    diagnosed.wait_anew(name, "no joint state for")
+    for message in messages["/joint_states"][50:150]:
+        state = deserialize_message(message, JointState)
+        for values in (state.name, state.position, state.velocity):
+            del values[gone]
+        publisher.publish(state)
+    words = "start its driver or name the topics of all joints in joint_states.topics: no joint_a"
+    status = diagnosed.wait(name, f"{words}{gone + 1} for ")
+    assert status.level == DiagnosticStatus.ERROR
+    for message in messages["/joint_states"][150:200]:
+        publisher.publish(message)
+    diagnosed.wait_anew(name, "no joint state for")
+    assert words not in diagnosed[name].message
+
+
 def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
     bench.add(EnergyMonitor, model="kr16", state_folder="")
     diagnosed = bench.diagnosed()
