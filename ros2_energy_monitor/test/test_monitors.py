@@ -10,11 +10,13 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import (
@@ -569,6 +571,31 @@ def test_a_robot_without_thermometers_is_no_fault(bench):
     status = bench.diagnosed().wait("friction_monitor: motor temperatures", "friction is taken at")
     assert status.message == "temperature_sources is empty: friction is taken at 22 degC"
     assert status.level == DiagnosticStatus.OK
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (6, "they are estimated from the losses"),
+        (
+            5,
+            "they are estimated from the losses, and where the model has no network friction is "
+            "taken at 22 degC",
+        ),
+    ],
+)
+def test_missing_temperatures_that_the_model_estimates_are_said_to_be(
+    bench, tmp_path, count, words
+):
+    document = yaml.safe_load((MODELS / "kr16.yaml").read_text())
+    document["urdf"]["path"] = str(MODELS / "kr16.urdf")
+    figure = {"value": 10.0, "tag": "assumed"}
+    for joint in document["joints"][:count]:
+        joint["thermal"] = {"capacity": figure, "conductance": figure}
+    (tmp_path / "own.yaml").write_text(json.dumps(document))
+    bench.add(FrictionMonitor, model=str(tmp_path / "own.yaml"))
+    status = bench.diagnosed().wait("friction_monitor: motor temperatures", "has arrived on")
+    assert status.message.endswith(f"which has no publisher; {words}")
 
 
 def test_missing_temperature_is_diagnosed_until_it_comes(bench):

@@ -204,6 +204,11 @@ def temperature_source(
     Args:
         wanted: Whether any source is set; that a robot has none is not a fault.
     """
+    fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
+    networks = [joint.thermal is not None for joint in model.joints]
+    if any(networks):
+        fixed = "" if all(networks) else f", and where the model has no network {fallback}"
+        fallback = f"they are estimated from the losses{fixed}"
 
     def findings() -> StatusBuilder:
         found = StatusBuilder("motor temperatures")
@@ -211,7 +216,6 @@ def temperature_source(
         topics = ", ".join(inbox.topic for inbox in inboxes) or "any topic"
         valued = [inbox for inbox in inboxes if inbox.msgtype != INTERFACE_NAMES]
         silent = [inbox for inbox in valued if inbox.age > model.temperature.stale_after]
-        fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
         latest = stage.latest()
         given = latest.motor_temperature_degc[0]
         names = model.joint_names
