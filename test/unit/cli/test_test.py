@@ -144,6 +144,15 @@ def test_a_meter_that_reads_a_fifth_too_much_moves_no_gear_that_is_judged(tmp_pa
     assert not any("corrected" in note for note in wrong.notes)
 
 
+@pytest.mark.parametrize("gear", [False, True])
+def test_torque_that_has_corrected_a_gear_is_said_where_torque_is_judged(bag, gear):
+    notes = re.evaluate(bag, wheel(gear), effort="motor_torque").recordings[0].notes
+    assert any("torque has corrected" in note for note in notes) is gear
+    assert not any(
+        "corrected" in note for note in re.evaluate(bag, wheel(gear)).recordings[0].notes
+    )
+
+
 def test_a_longer_window_of_accelerations_is_named_where_it_lowers_the_error(tmp_path):
     # velocities with noise: over 20 ms it is an acceleration of many rad/s^2, over 0.1 s of few
     noise = np.random.default_rng(5).normal(0.0, 0.05, 5001)
