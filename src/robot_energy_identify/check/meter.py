@@ -39,7 +39,14 @@ BODIES = (
     "gear_ratio",
     "other_robot",
 )  # spoil predictions
-TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
+TORQUES = (
+    *BODIES,
+    "torque_sign",
+    "torque_scale",
+    "effort_meaning",
+    "effort_late",
+    "effort_unsigned",
+)  # spoil shaft powers
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
 
