@@ -33,7 +33,7 @@ from robot_energy_identify.check.evidence import (
     remarks_of,
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
-from robot_energy_identify.check.meter import check_meter, lag_of
+from robot_energy_identify.check.meter import check_meter, lag_of, readings_once
 from robot_energy_identify.check.meter_step import step_of
 from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
@@ -269,8 +269,14 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
 
     One delay is identified for all recordings, so clocks that differ would count as a low pass. The
     lag that most recordings have stays: it is the meter's. Few readings do not show a lag well. A
-    counter is compared with counters, as it has no low pass.
+    counter is compared with counters, as it has no low pass. Readings that are repeated count once.
     """
+    recordings, notes = list(recordings), list[str]()
+    for number, part in enumerate(recordings):
+        meter, held = (None, "") if part.meter is None else readings_once(part.meter)
+        if held:
+            recordings[number] = replace(part, meter=meter, known=None)
+            notes.append(f"{part.path.name}: {held}, so each counted once; record each once")
     lags: dict[int, _Clock] = {}
     counts = [
         part.meter is not None and part.meter.meaning is MeterMeaning.CUMULATIVE
@@ -283,7 +289,7 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
             assert part.meter is not None
             within = max(SAME_CLOCK, LAG_SCATTER / len(part.meter) ** 0.5)
             lags[number] = _Clock(found.lag, within)
-    moved, notes = list(recordings), list[str]()
+    moved = list(recordings)
     for number, lag in lags.items():
         same = [other for place, other in lags.items() if counts[place] == counts[number]]
         usual = max(same, key=lambda one: (_alike(one, same), -abs(one.lag)))

@@ -1,4 +1,4 @@
-"""Fields of joint states that are not of one instant, stand still or have no sign are named."""
+"""Fields that are not of one instant, stand still or have no sign are named."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robot_energy_identify.check import check
 from robot_energy_identify.check.finding import PARAMETERS
 from robot_energy_identify.check.lateness import lateness
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.refused_recordings import refuse_motion
+from robot_energy_identify.refused_recordings import on_one_clock, refuse_motion
 from sound_recordings import read_with
 
 SOUND = ROOT / "bags/kr16_cold"
@@ -112,3 +112,29 @@ def test_lateness_counts_neither_sign_nor_scale_nor_what_does_not_move(lag):
     assert lateness(time, joints[:1] + joints[2:], 0.05) == pytest.approx(lag, abs=0.02)
     assert lateness(time[:500], [(one[:500], two[:500]) for one, two in joints], 0.05) == 0.0
     assert lateness(time, joints[:1], 0.5) == 0.0
+
+
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_readings_that_are_repeated_count_once(times, tmp_path):
+    seen: list[float] = []
+
+    def repeated(message: Any) -> None:
+        seen.append(message.power)
+        message.power = seen[(len(seen) - 1) // times * times]
+
+    bag = rewrite(SOUND, tmp_path / "bag", None, repeated)
+    (part,), notes = on_one_clock([read_recording(bag, MODEL, EffortMeaning.NONE)])
+    found = [one.sentence for one in check(bag, MODEL).findings if one.cause == "meter_held"]
+    assert part.meter is not None
+    if times == 1:
+        assert not found
+        assert not notes
+        assert len(part.meter) == len(seen)
+        return
+    assert f"every 0.1 s, but change every {times / 10} s" in found[0]
+    assert notes[0].startswith(f"bag: {found[0]}, so each counted once")
+    assert part.meter.power == pytest.approx(seen[times::times], rel=1e-12)
+    assert part.meter.interval == pytest.approx(np.full(len(part.meter), times / 10))
+    assert part.compared[0].measured.sum() == pytest.approx(
+        np.sum(part.meter.power) * times / 10, rel=0.05
+    )
