@@ -10,8 +10,10 @@ import numpy as np
 
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.foundation.described import Described
 from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterBlock, MeterMeaning
+from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
@@ -113,9 +115,13 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
     assert meter is not None
     time = (meter.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
     if meter.meaning is MeterMeaning.CUMULATIVE:
-        step = np.diff(time)
-        good = (step > 0) & (step < APART * np.median(step))
-        return (0.5 * (time[1:] + time[:-1]))[good], (np.diff(meter.energy)[good] / step[good])
+        source, gap = evidence.inputs.meter, APART * float(np.median(np.diff(time)))
+        limits = MeterLimits(
+            max(gap, evidence.inputs.meter_max_gap), source.max_power, source.wraps_at_joule
+        )
+        pieces = CoveredPieces.concatenate(limits.pieces(meter))
+        begin, end = (at - evidence.stamp_ns[0] for at in (pieces.stamp_ns, pieces.end_ns))
+        return 0.5 * (begin + end) * NANOSECOND, pieces.mean_power
     half = np.where(np.isfinite(meter.interval), 0.5 * meter.interval, 0.0)
     return time - half, meter.power
 

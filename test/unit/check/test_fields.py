@@ -138,3 +138,18 @@ def test_readings_that_are_repeated_count_once(times, tmp_path):
     assert part.compared[0].measured.sum() == pytest.approx(
         np.sum(part.meter.power) * times / 10, rel=0.05
     )
+
+
+@pytest.mark.parametrize(("offset", "factor"), [(1e6, 1.0), (0.0, 1.0 / 3600.0)])
+def test_a_counter_that_jumps_has_no_other_unit_and_no_other_sign(offset, factor, tmp_path):
+    """By 1 MJ, or from J to Wh: what its decoder leaves out is no power."""
+    total: list[float] = [0.0]
+
+    def counted(message: Any) -> None:
+        total.append(total[-1] + message.power * message.interval)
+        message.meaning, message.power, message.interval = 3, np.nan, np.nan
+        message.energy = total[-1] if len(total) < 150 else factor * total[-1] + offset
+
+    bag = rewrite(SOUND, tmp_path / "bag", None, counted)
+    found = {one.cause for one in check(bag, MODEL).findings}
+    assert not found & {"meter_sign", "meter_unit", "meter_exceeds"}
