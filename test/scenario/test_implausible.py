@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -262,6 +263,21 @@ def test_readings_that_are_refused_are_named(bag: Path, tmp_path: Path) -> None:
     assert "other: of 299 messages of the power meter 299 unknown_meaning were refused" in note
     assert note in "; ".join(f"other: {one}" for one in replayed(other, path).report.notes)
     assert not refuse_motion(read_recording(bag, load(path), EffortMeaning.NONE))
+
+
+def test_temperatures_of_two_robots_are_named_where_a_model_is_identified(
+    bag: Path, tmp_path: Path
+) -> None:
+    colder = itertools.cycle([0.0, 40.0])
+
+    def change(message: Any) -> None:
+        message.temperature_degc = message.temperature_degc - next(colder)
+
+    others = {"ros2_energy_msgs/msg/MotorTemperatures": change}
+    other = rewrite(bag, tmp_path / "other", None, None, others=others)
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    assert "two sensors or robots may share a topic" in note
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(
