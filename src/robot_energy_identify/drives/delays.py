@@ -20,11 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Meter
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
@@ -32,7 +34,7 @@ from robot_energy_identify.bounds import identified
 from robot_energy_identify.data.recordings import undone
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.drives.drive_data import DriveData
-from robot_energy_identify.drives.total_sums import Integrals
+from robot_energy_identify.drives.total_sums import InsidePieces, Integrals
 from robot_energy_identify.stats.cross_validation import contiguous_folds, splits
 from robot_energy_identify.stats.lag import Delay, applied, best_delay, held_out_errors
 from robot_energy_identify.stats.regression import qr_r
@@ -212,20 +214,36 @@ def _columns(data: DriveData) -> Float:
     return np.column_stack([data.supplied_power, data.loss_columns().sum(axis=1)])
 
 
-def _moved(
-    meter: MeterBlock, limits: MeterLimits, lag: float, integrals: Integrals
-) -> tuple[Float, Float]:
-    """Power of every piece, and means of the columns over it; NaN where not known."""
-    power: list[Float] = []
-    means: list[Float] = []
-    for pieces in limits.pieces(undone(meter, lag)):
-        kept, mean = integrals.means(pieces)
-        place = np.full((len(pieces), mean.shape[1]), np.nan)
-        place[np.searchsorted(pieces.stamp_ns, kept.stamp_ns)] = mean
-        used = few(len(pieces))
-        power.append(pieces.mean_power[used])
-        means.append(place[used])
-    return np.concatenate(power), np.concatenate(means)
+class _Moved(Described):
+    """The readings of a meter with a lag, as pieces; some of them, evenly taken."""
+
+    power: Annotated[Float, "Of every piece. [W]"]
+    parts: Annotated[
+        list[tuple[InsidePieces, Int, NDArray[np.bool_]]],
+        "Pieces inside the samples, their places among all, and which are taken.",
+    ]
+
+    @classmethod
+    def of(cls, meter: MeterBlock, limits: MeterLimits, lag: float, integrals: Integrals) -> _Moved:
+        power: list[Float] = []
+        parts: list[tuple[InsidePieces, Int, NDArray[np.bool_]]] = []
+        for pieces in limits.pieces(undone(meter, lag)):
+            inside = integrals.inside(pieces)
+            place = np.searchsorted(pieces.stamp_ns, inside.pieces.stamp_ns)
+            used = few(len(pieces))
+            power.append(pieces.mean_power[used])
+            parts.append((inside, place, used))
+        return cls(np.concatenate(power), parts)
+
+    def means(self, integrals: Integrals) -> Float:
+        """Means of the columns over every piece; NaN where not known."""
+        found: list[Float] = []
+        for inside, place, used in self.parts:
+            mean = integrals.means_of(inside)
+            every = np.full((len(used), mean.shape[1]), np.nan)
+            every[place] = mean
+            found.append(every[used])
+        return np.concatenate(found)
 
 
 def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | None:
@@ -236,6 +254,7 @@ def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | N
     """
     errors: list[Float] = []
     same: list[NDArray[np.bool_]] = []
+    moved: dict[int, list[_Moved]] = {}
     measured = size = np.empty(0)
     for each in columns:
         parts: list[Float] = []
@@ -244,14 +263,16 @@ def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | N
             rows = data.samples_of(number)
             if meter is None or len(each[rows]) < 2:
                 continue
-            limits = data.limits[number]
             integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], each[rows])
-            tried = [_moved(meter, limits, lag, integrals) for lag in lags.tolist()]
+            if number not in moved:  # the same for all columns
+                limits = data.limits[number]
+                moved[number] = [_Moved.of(meter, limits, lag, integrals) for lag in lags.tolist()]
+            tried = [one.means(integrals) for one in moved[number]]
             if not errors:
-                same.append(np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried]))
+                same.append(np.logical_and.reduce([np.isfinite(mean[:, 0]) for mean in tried]))
             used = same[len(parts)]
-            parts.append(np.stack([mean[used] for _, mean in tried]))
-            targets.append(tried[0][0][used])
+            parts.append(np.stack([mean[used] for mean in tried]))
+            targets.append(moved[number][0].power[used])
         if sum(len(part) for part in targets) < MIN_ROWS:
             return None
         means = np.concatenate(parts, axis=1)
