@@ -97,7 +97,7 @@ export function showTables(robot) {
   byId("registers").dataset.time = registers?.time ?? "";
   const early = known(registers?.measured_energy) && !known(registers.predicted_energy_at_meter);
   setText(byId("registers-note"), registers
-    ? `As of ${clock(registers.time, true)}; ${registers.persisted ? "on disk" : "in memory only"}.${early ? " Too little was compared to set the prediction against a meter that lags." : ""}` : "No register has arrived.");
+    ? `As of ${clock(registers.time, true)}; ${registers.persisted ? "on disk" : "in memory only"}.${early ? " The time compared is still too short for a meter that lags." : ""}` : "No register has arrived.");
   fillRows(byId("shaft"), (registers?.joints ?? []).map((joint) => [
     joint.name, n(wh(joint.rigid_energy), joint.rigid_energy), n(wh(joint.friction_energy), joint.friction_energy),
     n(wh(joint.drive_loss_energy), joint.drive_loss_energy),
