@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -293,6 +294,21 @@ def test_a_test_with_moments_of_the_fit_is_refused(bag: Path, tmp_path: Path) ->
         identify_all(bag, used, "motor_current", test=part)
     with refused(BagError, found="bag and part hold the same 12 s"):
         identify_friction([bag, part], used, "motor_current")
+
+
+def test_temperatures_of_two_robots_are_named_where_a_model_is_identified(
+    bag: Path, tmp_path: Path
+) -> None:
+    colder = itertools.cycle([0.0, 40.0])
+
+    def change(message: Any) -> None:
+        message.temperature_degc = message.temperature_degc - next(colder)
+
+    others = {"ros2_energy_msgs/msg/MotorTemperatures": change}
+    other = rewrite(bag, tmp_path / "other", None, None, others=others)
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    assert "two sensors or robots may share a topic" in note
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(
