@@ -240,9 +240,11 @@ def readings_once(meter: MeterBlock) -> tuple[MeterBlock, str]:
     if (runs > 1).mean() < MOST_HELD or (np.abs(runs - usual) <= 1).mean() < REGULAR:
         return meter, ""
     step_ns = int(np.median(np.diff(meter.stamp_ns)))
-    place = np.arange(changes[0], len(meter))
-    since = place - changes[np.searchsorted(changes, place, "right") - 1]
-    once = meter[place[since % usual == 0]]
+    since = np.arange(changes[0], len(meter))
+    run = np.searchsorted(changes, since, "right") - 1
+    since -= changes[run]
+    times = np.maximum(np.rint(np.diff(changes, append=len(meter)) / usual), 1.0)[run]
+    once = meter[changes[0] :][(since % usual == 0) & (since < times * usual)]
     if once.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
         apart = np.diff(once.stamp_ns, prepend=once.stamp_ns[0] - usual * step_ns)
         longest = round(LONGEST * usual * step_ns)
