@@ -140,7 +140,7 @@ def test_registers_after_a_defect_are_those_without_the_lost_messages(bench, mes
     rows = messages["/joint_states"][:750]
     energy = []
     for broken in (False, True):
-        node = bench.add(EnergyMonitor, model="kr16", state_folder="", temperature_wait=0.0)
+        node = bench.add(EnergyMonitor, model="kr16", state_folder="")
         publisher = bench.publisher(JointState, "joint_states")
 
         def take(part, node=node, publisher=publisher):
