@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -55,20 +54,6 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
     high = 3.2 + 0.12 * len(results)
     with canvas(path, (8.0, high)) as figure:
         _curves(figure.subplots(), results, labels)
-
-
-def energy_and_power(
-    results: Sequence[Prediction],
-    energies: Sequence[EnergyBreakdown],
-    labels: Sequence[str],
-    path: Target,
-) -> None:
-    """Draw energies above powers."""
-    bars = 0.9 + BAR * len(energies)
-    with canvas(path, (8.0, bars + 3.2), "predicted energy and power from the grid") as figure:
-        axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])
-        _bars(axes[0], energies, labels)
-        _curves(axes[1], results, labels)
 
 
 def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
