@@ -621,7 +621,7 @@ def test_power_monitor_diagnoses_torque_and_meter(bench):
     name = "power_monitor: energy"
     status = diagnosed.wait(name, "no joint torque has arrived on /energy/joint_torque")
     assert status.level == DiagnosticStatus.ERROR
-    assert {"coverage", "gaps", "residual_energy_j", "extrapolated_share"} <= set(
+    assert {"coverage", "gaps", "residual_energy_j", "extrapolated_share", "learned_share"} <= set(
         diagnosed.values(status)
     )
 

@@ -423,6 +423,7 @@ def energy_source(
             "temperature_stale_share": _share(account, Quality.TEMPERATURE_STALE),
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
+            "learned_share": _share(account, Quality.LEARNED),
         }
         now = unknown_of()
         if now[:2] == before[:2] and now[2] > before[2]:

@@ -51,12 +51,20 @@ def test_a_load_that_begins_is_found_with_its_power_and_time(model: tuple[float,
 
 @pytest.mark.parametrize("factor", [1.3, 1e-3])
 def test_a_scale_that_changes_is_found(factor: float) -> None:
-    power = predicted()
-    changed = np.where(later(20, len(power)) > 0, factor, 1.0)
+    """As such: the same of another load would be 5 % less."""
+    power = predicted(16)
+    changed = np.where(later(8, len(power)) > 0, factor, 1.0)
     found = step_of(compared(power, power * changed), BEGIN)
     assert found is not None
-    assert found.evidence == pytest.approx((factor - 1.0) * power[200:].mean(), rel=0.2)
-    assert "from 20 s on" in found.sentence
+    assert found.evidence == pytest.approx((factor - 1.0) * power[80:].mean(), rel=0.02)
+    assert "from 8 s on" in found.sentence
+
+
+@pytest.mark.parametrize(("load", "noise"), [(60.0, 0.0), (300.0, 180.0)])  # sure; large
+def test_a_small_load_or_one_that_may_be_chance_is_no_step(load: float, noise: float) -> None:
+    power = predicted()
+    scatter = np.repeat(np.random.default_rng(1).normal(0.0, noise, 40), RATE)
+    assert step_of(compared(power, power + load * later(20, len(power)) + scatter), BEGIN) is None
 
 
 def test_a_load_that_switches_every_ten_seconds_is_found() -> None:
