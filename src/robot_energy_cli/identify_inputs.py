@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,10 +62,9 @@ def bag_options(
     }
 
 
-def result_options(what: str, plot: str = "") -> Options:
+def result_options(what: str) -> Options:
     """Return what can be written."""
-    figure = {"--plot FILE": plot} if plot else {}
-    return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS, **figure}
+    return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS}
 
 
 class IdentifyInputs:
@@ -168,14 +166,13 @@ class IdentifyInputs:
         self.log_notes += clock.notes
         return blocks, mapping.joints.names
 
-    def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
+    def bags(self) -> BagSource:
         """Return the recordings, and how they are read."""
         from robot_energy_identify.api.bag_source import BagSource
 
         effort, robot = getattr(self.args, "effort", None), getattr(self.args, "robot", None)
         sensors = self.sensor_limits() if hasattr(self.args, "meter_class") else None
-        used = self.args.bags if bags is None else bags
-        return BagSource(used, effort, self.args.inputs, robot, progress, sensors)
+        return BagSource(self.args.bags, effort, self.args.inputs, robot, progress, sensors)
 
     def names(self) -> str:
         """Return the names of the recordings, for the model file."""
