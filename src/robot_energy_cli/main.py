@@ -17,8 +17,6 @@ from argparse import (
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import cache
-from importlib.metadata import entry_points
 from io import TextIOWrapper
 from textwrap import wrap
 from types import FrameType
@@ -27,10 +25,11 @@ from typing import Any, NoReturn, cast
 from robot_energy import __version__
 from robot_energy.foundation.errors import KindError, RobotEnergyError
 from robot_energy.foundation.extras import is_ours, missing
-from robot_energy.foundation.kinds import LIKELY, load_kinds
+from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.foundation.stopping import DEFAULTS, End
 from robot_energy_cli import completion
+from robot_energy_cli.command import Command
 from robot_energy_cli.commands import COMMANDS
 
 
@@ -78,7 +77,6 @@ DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
 
 FEW = 6  # choices that are all named, even where one of them is near
 ENTRY_POINTS = "robot_energy.commands"  # group of those that have an add_parser
-_installed = cache(entry_points)  # to read them takes 30 ms
 
 EPILOG = """\
 examples:
@@ -203,16 +201,26 @@ def _parser() -> Parser:
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     # Those of other packages, such as that of the papers, by the entry points they declare.
-    further = [entry.load() for entry in _installed(group=ENTRY_POINTS)]
-    for command in (*COMMANDS, *further, completion.COMMAND):
+    further = [entry.load() for entry in installed(ENTRY_POINTS)]
+    for command in (*COMMANDS, *further, completion.COMMAND, HELP):
         command.add_parser(commands)
     return parser
 
 
 def _run_help(args: Namespace) -> int:
-    del args
-    _parser().print_help()
+    try:
+        _parser().parse_args([*getattr(args, "words", ()), "--help"])
+    except SystemExit as exit_:
+        return exit_.code if isinstance(exit_.code, int) else REFUSED
     return DONE
+
+
+HELP = Command(
+    "help",
+    "show the help of a command",
+    _run_help,
+    {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
+)
 
 
 class Stopped(KeyboardInterrupt):

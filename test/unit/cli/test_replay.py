@@ -24,7 +24,7 @@ def test_replay_prints_tables_and_writes_all_outputs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, model = wheel_bag(tmp_path), wheel_model(tmp_path)
-    outputs = [tmp_path / name for name in ("out", "r.json", "p.html")]
+    outputs = [tmp_path / name for name in ("out", "r.json", "p.png")]
     args = [
         "replay",
         str(bag),
@@ -34,7 +34,7 @@ def test_replay_prints_tables_and_writes_all_outputs(
         str(outputs[0]),
         "--json",
         str(outputs[1]),
-        "--report",
+        "--plot",
         str(outputs[2]),
         "--compare",
         "40",
@@ -46,7 +46,7 @@ def test_replay_prints_tables_and_writes_all_outputs(
     summary = json.loads(outputs[1].read_text())
     assert summary["comparison"]["measured_energy"] == pytest.approx(800.0)
     assert summary["compared_with"]["model"]["change"] == "friction fixed at 40 degC"
-    assert outputs[2].read_text().count("<figure>") >= 2
+    assert outputs[2].read_bytes().startswith(b"\x89PNG")
     for topic in ("joint_torque", "joint_friction", "power", "registers"):
         assert f"/energy/{topic}" in BagReader(outputs[0]).topics
     assert "exists" in refused(capsys, *args)
@@ -110,7 +110,7 @@ def test_a_model_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixtu
     ):
         broken.write_text(wrong)
         assert said in refused(capsys, "replay", bag, "--model", broken)
-        assert said in refused(capsys, "model", "check", broken)
+        assert said in refused(capsys, "models", "check", broken)
     broken.write_text(text.replace("<mass value=", "<weight value="))
     assert "inertial without mass" in refused(capsys, "replay", bag, "--model", broken)
     broken.write_text(text.replace("name: axle", "name: axis"))

@@ -114,7 +114,7 @@ def files(made: dict[str, Path], tmp_path: Path) -> dict[str, Path]:
 
 COMMANDS = [
     "replay nasty_bag --model model",
-    "replay bag --model nasty_model --compare 40 --report out.html --json -",
+    "replay bag --model nasty_model --compare 40 --plot out.svg --json -",
     "replay bag --model nasty_model",
     "replay bag --model model --inputs parameters",
     "replay bag --model unknown_key",
@@ -125,9 +125,9 @@ COMMANDS = [
     "report nasty_bag --model nasty_model --out out.html",
     "model check nasty_model",
     "model check unknown_key",
-    "import table nasty_log --mapping mapping --out out",
-    "import table log --mapping nasty_mapping --out out",
-    "import table log --mapping long_mapping --out out",
+    "import csv nasty_log --mapping mapping --out out",
+    "import csv log --mapping nasty_mapping --out out",
+    "import csv log --mapping long_mapping --out out",
     "import ur-rtde nasty_log --out out",
     "predict program --model nasty_model --temperature 20",
     "predict nasty_bag --model nasty_model --temperature 20",
