@@ -12,6 +12,7 @@ from hypothesis import given
 
 from accounts import power_block
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.certainty.deviation import FORM, LOSS_GRID
 from robot_energy.pipeline import Settings
 from robot_energy.timeline.blocks import Phase
 
@@ -70,6 +71,8 @@ def test_the_mean_power_is_what_is_drawn_less_what_is_returned():
     drawn, returned = (60.0 + 30.0) / 3.0, (10.0 + 20.0) / 3.0
     assert mean.cabinet[0, :2] == pytest.approx([drawn, returned])
     assert mean.predicted_power == pytest.approx([20.0])
+    # 5 % of the power of each sample, over the time up to it
+    assert mean.deviation[0, [LOSS_GRID, FORM]] == pytest.approx([4.0, (3.0 + 1.0 + 1.0) / 3.0])
 
 
 @given(

@@ -6,7 +6,7 @@ import numpy as np
 
 from accounts import SECOND, power_block
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.registers import Registers
+from robot_energy.accounting.registers import Coverage, Registers
 from robot_energy.timeline.blocks import HeldRows
 
 
@@ -102,3 +102,11 @@ def test_deviations_are_integrated_up_to_the_newest_sample():
     block = power_block(np.arange(4) * SECOND, np.full(4, 100.0))
     registers.step(replace(block, deviation=held))
     np.testing.assert_allclose(registers.deviation, 3.0 + 8.0)
+
+
+def test_time_around_the_samples_is_a_gap_at_the_end_that_has_it():
+    time = Coverage(start_ns=5, end_ns=9)
+    time.count(4, 0, 0, 0)
+    time.surround(3, 0)
+    assert (time.start_ns, time.end_ns, time.span_ns) == (2, 9, 7)
+    assert (time.gap_ns, time.gap_count) == (3, 1)
