@@ -10,11 +10,13 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import deserialize_message
 from ros2_energy_msgs.msg import (
@@ -192,6 +194,28 @@ def test_a_driver_that_stops_next_to_a_gripper_is_to_be_started(bench, messages)
     publisher.publish(gripper)
     words = "start the driver or set joint_states.topics: all 1 messages on /joint_states rejected"
     assert "joint_names" not in diagnosed.wait(name, words).message
+
+
+@pytest.mark.parametrize("gone", [0, 5])  # the first one leads where messages lack some
+def test_a_joint_that_no_message_has_any_more_is_named(bench, messages, gone):
+    bench.add(TorqueMonitor, model="kr16", input_timeout=0.3)
+    diagnosed, name = bench.diagnosed(), "torque_monitor: joint states"
+    publisher = bench.publisher(JointState, "joint_states")
+    for message in messages["/joint_states"][:50]:
+        publisher.publish(message)
+    diagnosed.wait_anew(name, "no joint state for")
+    for message in messages["/joint_states"][50:150]:
+        state = deserialize_message(message, JointState)
+        for values in (state.name, state.position, state.velocity):
+            del values[gone]
+        publisher.publish(state)
+    words = "start its driver or name the topics of all joints in joint_states.topics: no joint_a"
+    status = diagnosed.wait(name, f"{words}{gone + 1} for ")
+    assert status.level == DiagnosticStatus.ERROR
+    for message in messages["/joint_states"][150:200]:
+        publisher.publish(message)
+    diagnosed.wait_anew(name, "no joint state for")
+    assert words not in diagnosed[name].message
 
 
 def test_stamps_that_become_zero_are_said_with_the_setting(bench, messages):
@@ -549,6 +573,31 @@ def test_a_robot_without_thermometers_is_no_fault(bench):
     assert status.level == DiagnosticStatus.OK
 
 
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (6, "they are estimated from the losses"),
+        (
+            5,
+            "they are estimated from the losses, and where the model has no network friction is "
+            "taken at 22 degC",
+        ),
+    ],
+)
+def test_missing_temperatures_that_the_model_estimates_are_said_to_be(
+    bench, tmp_path, count, words
+):
+    document = yaml.safe_load((MODELS / "kr16.yaml").read_text())
+    document["urdf"]["path"] = str(MODELS / "kr16.urdf")
+    figure = {"value": 10.0, "tag": "assumed"}
+    for joint in document["joints"][:count]:
+        joint["thermal"] = {"capacity": figure, "conductance": figure}
+    (tmp_path / "own.yaml").write_text(json.dumps(document))
+    bench.add(FrictionMonitor, model=str(tmp_path / "own.yaml"))
+    status = bench.diagnosed().wait("friction_monitor: motor temperatures", "has arrived on")
+    assert status.message.endswith(f"which has no publisher; {words}")
+
+
 def test_missing_temperature_is_diagnosed_until_it_comes(bench):
     bench.add(FrictionMonitor, model="kr16")
     diagnosed = bench.diagnosed()
@@ -572,7 +621,7 @@ def test_power_monitor_diagnoses_torque_and_meter(bench):
     name = "power_monitor: energy"
     status = diagnosed.wait(name, "no joint torque has arrived on /energy/joint_torque")
     assert status.level == DiagnosticStatus.ERROR
-    assert {"coverage", "gaps", "residual_energy_j", "extrapolated_share"} <= set(
+    assert {"coverage", "gaps", "residual_energy_j", "extrapolated_share", "learned_share"} <= set(
         diagnosed.values(status)
     )
 

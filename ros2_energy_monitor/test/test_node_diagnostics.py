@@ -15,7 +15,7 @@ import time
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from ros2_energy_msgs.msg import EnergyRegisters
+from ros2_energy_msgs.msg import EnergyRegisters, JointFriction, JointTorque
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -143,12 +143,20 @@ def test_a_second_node_of_the_same_name_is_noticed(bench):
     assert status.level == DiagnosticStatus.WARN
 
 
-def test_a_second_publisher_of_the_registers_is_named(bench):
-    bench.tester.create_publisher(EnergyRegisters, "energy/registers", 10)
-    bench.add(EnergyMonitor, model="kr16")
-    bench.diagnosed().wait(
-        "energy_monitor: node", "energy/registers is published by /energy_monitor and /tester"
-    )
+@pytest.mark.parametrize(
+    ("node_type", "kind", "topic"),
+    [
+        (EnergyMonitor, EnergyRegisters, "energy/registers"),
+        (TorqueMonitor, JointTorque, "energy/joint_torque"),
+        (FrictionMonitor, JointFriction, "energy/joint_friction"),
+    ],
+)
+def test_a_second_publisher_of_an_output_is_named(bench, node_type, kind, topic):
+    """A power monitor counts each torque that is not older than the last one."""
+    bench.tester.create_publisher(kind, topic, 10)
+    name = bench.add(node_type, model="kr16").get_name()
+    both = " and ".join(sorted([f"/{name}", "/tester"]))
+    bench.diagnosed().wait(f"{name}: node", f"{topic} is published by {both}")
 
 
 def test_a_twin_is_to_be_stopped_once(bench):

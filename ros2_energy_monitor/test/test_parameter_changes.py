@@ -105,11 +105,15 @@ def test_a_new_silence_counts_at_once(bench):
 @pytest.mark.parametrize("active", [True, False])
 def test_wrong_values_are_refused_in_every_state(bench, active):
     node = bench.add(EnergyMonitor, model="kr16", autostart=active)
-    values = {"input_timeout": -1.0, "joint_states.effort_meaning": "torque"}
-    timeout, effort = set_parameters(bench, node, **values)
-    assert not timeout.successful
-    assert not effort.successful
-    assert "one of none, motor_current" in effort.reason
+    values = {
+        "input_timeout": -1.0,
+        "joint_states.effort_meaning": "torque",
+        "joint_states.effort.sign": [2.0],
+    }
+    refused = set_parameters(bench, node, **values)
+    assert not any(one.successful for one in refused)
+    assert "one of none, motor_current" in refused[1].reason
+    assert "is [2.0]; expected a list of numbers from -1.0 to 1.0" in refused[2].reason
 
 
 @pytest.mark.parametrize("name", AT_START)

@@ -24,6 +24,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 from mcap.writer import Writer
+from rclpy.node import Node
+from ros2_energy_msgs.msg import PowerState
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -257,6 +259,34 @@ def test_illegal_topics_and_types_are_left_out_with_a_sentence_each(bench, tmp_p
     assert player.topics == ["/plain"]
     assert len(player.left_out) == len(ILLEGAL) - 1
     assert not [line for line in player.left_out if not line.isprintable()]
+
+
+def test_outputs_that_a_monitor_publishes_as_well_are_left_out(bench, tmp_path):
+    """As where all topics were recorded, and are played to monitors."""
+    outputs = {"/power": "ros2_energy_msgs/msg/PowerState", "/plain": FLOAT}
+    with BagWriter(tmp_path / "own") as bag:
+        for topic, msgtype in outputs.items():
+            bag.add_topic(topic, msgtype)
+            bag.write(topic, np.array([10**18]), [bytes(12)])
+    bag, lines = BagReader(tmp_path / "own"), []
+    players = [
+        Player(bench.tester, bag, 1.0, topics, report=lines.append) for topics in (None, ["/power"])
+    ]
+    players[0].leave_out_outputs()
+    assert players[0].topics == ["/plain", "/power"]
+    monitor = bench.add(Node, "monitor")
+    monitor.create_publisher(PowerState, "/power", 10)
+    bench.spin_until(lambda: bench.tester.count_publishers("/power") == 3, "the monitor")
+    for player in players:
+        player.leave_out_outputs()
+    assert [player.topics for player in players] == [["/plain"], ["/power"]]
+    assert lines == ["left out: /power, which monitor publishes (--topics plays it)"]
+    with BagWriter(tmp_path / "outputs") as bag:
+        bag.add_topic("/power", outputs["/power"])
+        bag.write("/power", np.array([10**18]), [bytes(12)])
+    player = Player(bench.tester, BagReader(tmp_path / "outputs"), 1.0)
+    with pytest.raises(MissingTopicError, match="nothing but what monitors that run publish"):
+        player.leave_out_outputs()
 
 
 def test_messages_of_another_definition_are_left_out(bench, tmp_path):

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import pytest
 
+from ros2_energy_monitor.__main__ import main as run_executable
 from ros2_energy_monitor.base.run_node import STOP_SIGNALS
 from ros2_energy_monitor.executables import EXECUTABLES
 
@@ -79,11 +80,16 @@ def test_a_signal_ends_a_monitor_cleanly(start, name, number):
 
 @pytest.mark.parametrize("name", [*MONITORS, "virtual_robot", "console"])
 def test_help_says_what_a_node_does_and_starts_nothing(name, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", [name, "--help"])
-    assert importlib.import_module(EXECUTABLES[name]).main() == 0
-    output = capsys.readouterr().out
-    assert f"usage: ros2 run ros2_energy_monitor {name} --ros-args" in output
-    assert output.splitlines()[0].endswith(".")
+    monkeypatch.setattr("ros2_energy_monitor.__main__.end_at_once", str)  # signals of the tests
+    for script, words in (
+        ([f"/install/lib/ros2_energy_monitor/{name}"], "ros2 run"),
+        (["__main__.py", name], "python -m"),
+    ):
+        monkeypatch.setattr(sys, "argv", [*script, "--help"])
+        assert run_executable() == 0
+        output = capsys.readouterr().out
+        assert f"usage: {words} ros2_energy_monitor {name} --ros-args" in output
+        assert output.splitlines()[0].endswith(".")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -18,7 +18,6 @@ from robot_energy_cli import (
     identify_metered,
     identify_thermal,
     import_logs,
-    info,
     kinds,
     layouts,
     models,
@@ -57,6 +56,6 @@ FLEET = Group(
 COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
     test.COMMAND, IDENTIFY, FLEET, history.COMMAND, predict.COMMAND, optimize.COMMAND,
-    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, kinds.COMMAND, info.COMMAND,
+    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, kinds.COMMAND,
     simulate.COMMAND, schema.COMMAND, layouts.COMMAND, monitoring.COMMAND,
 )  # fmt: skip

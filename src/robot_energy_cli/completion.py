@@ -24,7 +24,10 @@ COMMAND = Command(
     {"shell": ("the shell", {"choices": ("bash", "zsh", "tcsh")})},
     "Print a script that completes commands, options and files.",
     """\
-bash: add  eval "$(robot-energy completion bash)"  to ~/.bashrc
-zsh:  write it to a file _robot-energy in a folder of $fpath
+bash: add this line to ~/.bashrc
+    eval "$(robot-energy completion bash)"
+
+zsh: write it to a file _robot-energy in a folder of $fpath
+    robot-energy completion zsh > ~/.zfunc/_robot-energy
 """,
 )

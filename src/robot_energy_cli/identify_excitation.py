@@ -49,7 +49,7 @@ OPTIONS: Options = {
     "the motion": {
         "--period S": ("length of the motion; its base frequency is 1 / length (default 10 s)",
                        {"default": 10.0}),
-        "--harmonics N": ("default 5", {"default": 5}),
+        "--harmonics N": ("of each series (default 5)", {"default": 5}),
         "--rate HZ": ("of the points (default 125)", {"default": 125.0}),
         "--loops N": ("periods in the files (default 1)", {"default": 1}),
     },
@@ -58,7 +58,7 @@ OPTIONS: Options = {
             "greatest determinant (D-optimal, default), or least condition number",
             {"choices": ("determinant", "condition"), "default": "determinant"},
         ),
-        "--starts N": ("default 3", {"default": 3}),
+        "--starts N": ("motions to begin with, drawn at random (default 3)", {"default": 3}),
         "--iterations N": ("of each start (default 100)", {"default": 100}),
         "--seed N": ("the same seed gives the same motion", {"default": 0}),
     },

@@ -55,8 +55,8 @@ class IdentifyOptions(SourceOptions, total=False):
         "joints in the order of these arrays (default: of the model)",
         value="JOINT", several="in a row", group=OF_DRIVES)]
     dq_scaling: Annotated[DqScaling, Option(
-        "what the four are: peak or RMS values of a phase, or those of the power-invariant "
-        "transformation (default: peak)",
+        "what the four arrays hold: peak or RMS values of a phase, or those of the "
+        "power-invariant transformation (default: peak)",
         choices=tuple(DQ_FACTORS), default="peak", group=OF_DRIVES)]
     skip: Annotated[Sequence[Subject], Option(
         "leave these as the model has them",

@@ -13,15 +13,16 @@ import re
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
-from robot_energy.foundation.errors import ImplausibleIdentificationError
+from robot_energy.foundation.errors import BagError, ImplausibleIdentificationError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import Drivetrain
 from robot_energy.physics.rigid_body import Robot
-from robot_energy.timeline.blocks import EffortMeaning, MeterMeaning
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, Int, MeterMeaning
 from robot_energy_identify.blas_threads import one_thread
 from robot_energy_identify.check.evidence import (
     Evidence,
@@ -32,8 +33,8 @@ from robot_energy_identify.check.evidence import (
     remarks_of,
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
-from robot_energy_identify.check.meter import check_meter, lag_of
-from robot_energy_identify.check.meter_step import step_of
+from robot_energy_identify.check.meter import check_meter, lag_of, readings_once
+from robot_energy_identify.check.meter_step import drift_of, step_of
 from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread, undone
@@ -46,13 +47,17 @@ MISTAKES = (
     "other_robot",
 )  # fmt: skip
 # All torques and powers follow from positions and velocities.
-MOTION_MISTAKES = ("degrees", "millimetres", "velocity_scale", "velocity_sign", "velocity_zero")
+MOTION_MISTAKES = (
+    "degrees", "millimetres", "velocity_scale", "velocity_sign", "velocity_zero", "velocity_late",
+    "velocity_apart", "position_held",
+)  # fmt: skip
 # A delay is estimated and undone; what the meter reads less than the prediction is the model's.
 METER_MISTAKES = ("meter_sign", "meter_unit", "shafts_exceed_meter")
 UNLIKE = 0.1  # of the size of torque: sound recordings of one robot differ by 0.02
 MAX_LATE = 0.6  # s: delay and low pass that are found together make a meter less late
 SAME_CLOCK = 0.1  # s by which lags of one meter differ: what a model leaves out makes 0.02
 LAG_SCATTER = 2.0  # s over the root of the readings: with 40, sound lags differ by up to 0.26 s
+MIN_SHARED, SHARED = 20, 0.5  # samples at one stamp, and share of them that are equal
 MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
 
 
@@ -179,20 +184,18 @@ def notes_on_torque(parts: Sequence[Evidence], where: str = "") -> tuple[str, ..
     return tuple(where + _sentence(finding) for finding in _torque_causes(parts)) if parts else ()
 
 
-def refuse_motion(recording: Recording) -> tuple[str, ...]:
-    """Refuse positions and velocities that do not fit each other, or in another unit.
+def refuse_motion(recording: Recording, effort: EffortMeaning) -> tuple[str, ...]:
+    """Refuse joint states whose fields do not fit each other, or are in another unit.
 
     Returns:
         What else is wrong with joint states and meter, one sentence each.
     """
-    found, _ = check_motion(_evidence_of(recording, EffortMeaning.NONE))
+    evidence = _evidence_of(recording, effort)
+    found, _ = check_motion(evidence)
+    wrong = [one for one in found if one.cause in MOTION_MISTAKES] or evidence.of_effort
     _refuse(
-        [
-            replace(one, sentence=f"{recording.path.name}: {one.sentence}")
-            for one in found
-            if one.cause in MOTION_MISTAKES
-        ],
-        "positions in rad or m, and their change as velocity",
+        [replace(one, sentence=f"{recording.path.name}: {one.sentence}") for one in wrong],
+        "positions in rad or m, their change as velocity, and the effort of the same instant",
     )
     problems = [_sentence(one) for one in found if one.cause == STAMPS_UNEVEN]
     if (result := recording.replay) is not None:
@@ -200,6 +203,34 @@ def refuse_motion(recording: Recording) -> tuple[str, ...]:
         problems += [result.meter.refused, *remarks_of(result).meter]
         problems.append(result.pipeline.friction.refused)
     return tuple(f"{recording.path.name}: {one}" for one in problems if one)
+
+
+def refuse_shared(recordings: Sequence[Recording]) -> None:
+    """Refuse two recordings that hold the same moments, as parts of one that overlap do."""
+    for first, second in combinations(recordings, 2):
+        (ours, torque), (theirs, other) = _measured(first), _measured(second)
+        stamps, mine, its = np.intersect1d(ours, theirs, return_indices=True)
+        if len(stamps) < MIN_SHARED or torque.shape[1] != other.shape[1]:
+            continue
+        if (torque[mine] == other[its]).all(axis=1).mean() > SHARED:
+            span = float(np.ptp(stamps)) * NANOSECOND
+            raise BagError(
+                f"{first.path.name} and {second.path.name} hold the same {span:.0f} s",
+                "every moment once",
+                "leave one of them out, or cut it: what is fitted and tested counts twice",
+            )
+
+
+def _measured(recording: Recording) -> tuple[Int, Float]:
+    """Stamps [ns] and torques, or readings of the meter that change where none is measured."""
+    measured, meter = recording.torque.motor_torque_measured, recording.meter
+    if np.isfinite(measured).any():
+        return recording.torque.stamp_ns, np.nan_to_num(measured)
+    if meter is None:
+        return np.empty(0, dtype=np.int64), np.empty((0, 0))
+    values = np.nan_to_num(np.stack([meter.power, meter.energy], axis=1))
+    changed = np.diff(values.sum(axis=1), prepend=np.nan) != 0.0
+    return meter.stamp_ns[changed], values[changed]
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:
@@ -224,9 +255,9 @@ def _spoils(finding: Finding) -> bool:
 
 
 def stepping_meters(recordings: Iterable[Recording]) -> tuple[str, ...]:
-    """Return the recordings whose meter steps where their model does not, one sentence each."""
+    """Return those whose meter steps or drifts where their model does not, one sentence each."""
     found = (
-        (part.path.name, step_of(compared, part.span_ns[0]))
+        (part.path.name, step_of(compared, part.span_ns[0]) or drift_of(compared))
         for part in recordings
         for compared in part.compared
     )
@@ -238,8 +269,14 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
 
     One delay is identified for all recordings, so clocks that differ would count as a low pass. The
     lag that most recordings have stays: it is the meter's. Few readings do not show a lag well. A
-    counter is compared with counters, as it has no low pass.
+    counter is compared with counters, as it has no low pass. Readings that are repeated count once.
     """
+    recordings, notes = list(recordings), list[str]()
+    for number, part in enumerate(recordings):
+        meter, held = (None, "") if part.meter is None else readings_once(part.meter)
+        if held:
+            recordings[number] = replace(part, meter=meter, known=None)
+            notes.append(f"{part.path.name}: {held}, so each counted once; record each once")
     lags: dict[int, _Clock] = {}
     counts = [
         part.meter is not None and part.meter.meaning is MeterMeaning.CUMULATIVE
@@ -252,7 +289,7 @@ def on_one_clock(recordings: Sequence[Recording]) -> tuple[list[Recording], tupl
             assert part.meter is not None
             within = max(SAME_CLOCK, LAG_SCATTER / len(part.meter) ** 0.5)
             lags[number] = _Clock(found.lag, within)
-    moved, notes = list(recordings), list[str]()
+    moved = list(recordings)
     for number, lag in lags.items():
         same = [other for place, other in lags.items() if counts[place] == counts[number]]
         usual = max(same, key=lambda one: (_alike(one, same), -abs(one.lag)))

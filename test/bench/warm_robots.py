@@ -18,7 +18,7 @@ import numpy as np
 from robot_energy.foundation.errors import MotionError
 from robot_energy.model import RobotModel
 from robot_energy.pipeline import EnergyPipeline, Output, Settings
-from robot_energy.timeline.blocks import EffortMeaning, Float
+from robot_energy.timeline.blocks import EffortMeaning, Float, Learning
 from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_plan.motion import JointMotion, Program, Trajectory, random_program, tool_above
 from robot_energy_rig import PlantProfile, RigConfig, VirtualRig, random_profile
@@ -171,9 +171,10 @@ def judged(
     plant: str, run: str, name: str, model: RobotModel, pieces: Sequence[RigOutput],
     effort: bool = False, meter: bool = False,
 ) -> WarmRun:  # fmt: skip
-    """Return the errors of a model over a run."""
+    """Return the errors of a model over a run; with a meter learned figures are applied."""
     meaning = EffortMeaning.MOTOR_TORQUE if effort else EffortMeaning.NONE
-    pipeline = EnergyPipeline(model, Settings(effort=meaning))
+    learning = Learning.APPLY if meter else Learning.OBSERVE
+    pipeline = EnergyPipeline(model, Settings(effort=meaning, learning=learning))
     start = int(pieces[0].truth.stamp_ns[0])
     columns = 1 + len(model.joints)
     count = round(sum(len(piece.truth) for piece in pieces) / RATE / SPAN)

@@ -122,16 +122,21 @@ def test_the_table_is_the_registers(opened, recording):
 
 
 @pytest.mark.parametrize(
-    ("at_meter", "shown"), [(float("nan"), ""), (3_300.0, "; -8.3 % against the meter")]
+    ("at_meter", "learned", "shown"),
+    [
+        (float("nan"), 0.0, ""),
+        (3_300.0, 0.0, "; -8.3 % against the meter"),
+        (3_300.0, 1.0, "; -8.3 % against the meter, corrected by learned figures"),
+    ],
 )
 def test_no_error_is_shown_while_the_prediction_at_the_meter_is_not_known(
-    window, tmp_path, at_meter, shown
+    window, tmp_path, at_meter, learned, shown
 ):
     hub = PageHub("", PageSettings(), live=False)
     robot = hub.robot("r")
     robot.take_power(power_states([1.0], [100.0]), 0.0)
     values = {"measured_energy": 3600.0, "predicted_energy_at_meter": at_meter}
-    robot.take_registers(registers(3600.0, **values))
+    robot.take_registers(registers(3600.0, **values, predicted_energy_learned=learned))
     hub.tick(0.0)
     path = tmp_path / "page.html"
     path.write_text(saved_page(hub.state(0.0)), encoding="utf-8")

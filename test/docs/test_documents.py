@@ -90,6 +90,12 @@ def test_links_lead_somewhere(document):
             assert (path.parent / link).exists(), f"{document} links to {link}"
 
 
+def test_no_line_begins_with_a_per_cent_sign():
+    """The site takes such a line for a comment and does not show it."""
+    for path in (ROOT / "src/doc").glob("**/*.md"):
+        assert not re.search(r"^ *%.*", path.read_text(), flags=re.MULTILINE), path
+
+
 def constants(message):
     text = (ROOT / f"ros2_energy_msgs/msg/{message}.msg").read_text()
     return {

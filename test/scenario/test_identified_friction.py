@@ -4,6 +4,8 @@ The plant is the virtual rig, whose friction has Stribeck and load terms, a lubr
 and gears that lag the motor sensor; the model knows none of that.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -131,3 +133,19 @@ def test_axes_without_a_thermometer_are_named_where_their_friction_changes(bags,
     (one,) = said
     assert "joint_a3" in one
     assert "joint_a1" not in one
+
+
+def test_a_temperature_that_hardly_any_sample_has_does_not_count(bags):
+    """With 2 of 30 s alone, the axis would hardly move."""
+    recording = read_recording(bags[0], MODEL, EffortMeaning.MOTOR_TORQUE)
+
+    def found(share: float):
+        degc = recording.power.motor_temperature_degc.copy()
+        degc[round(share * len(degc)) :] = np.nan
+        power = replace(recording.power, motor_temperature_degc=degc)
+        return fit_friction(friction_data([replace(recording, power=power)], 0))
+
+    without, hardly = found(0.0), found(0.06)
+    assert hardly.chosen == without.chosen == "constant"
+    assert (hardly.coulomb, hardly.viscous) == (without.coulomb, without.viscous)
+    assert found(0.5).coulomb != without.coulomb

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -12,21 +13,24 @@ import pytest
 import yaml
 
 import robots
-from mistakes import rewrite, scaled
+from mistakes import metered, rewrite, scaled
 from places import ROOT
 from plants import LIMITS, two_link_profile
-from robot_energy.foundation.errors import ImplausibleIdentificationError
+from refusals import refused
+from robot_energy.foundation.errors import BagError, ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.replay.api import replay as replayed
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_cli.main import main
 from robot_energy_identify import refused_recordings
+from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import Finding
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.refused_recordings import (
     notes_on_torque,
     refuse_motion,
+    refuse_shared,
     refuse_torque,
     torque_evidence,
 )
@@ -263,10 +267,53 @@ def test_readings_that_are_refused_are_named(bag: Path, tmp_path: Path) -> None:
 
     other = rewrite(bag, tmp_path / "other", None, unknown)
     path = model(tmp_path, (SHOULDER, ELBOW))
-    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    (note,) = refuse_motion(
+        read_recording(other, load(path), EffortMeaning.NONE), EffortMeaning.NONE
+    )
     assert "other: of 299 messages of the power meter 299 unknown_meaning were refused" in note
     assert note in "; ".join(f"other: {one}" for one in replayed(other, path).report.notes)
-    assert not refuse_motion(read_recording(bag, load(path), EffortMeaning.NONE))
+    assert not refuse_motion(
+        read_recording(bag, load(path), EffortMeaning.NONE), EffortMeaning.NONE
+    )
+
+
+@pytest.mark.parametrize("effort", [EffortMeaning.MOTOR_CURRENT, EffortMeaning.NONE])
+def test_the_same_moments_in_two_recordings_are_refused(
+    bag: Path, tmp_path: Path, effort: EffortMeaning
+) -> None:
+    """A part of one has another hash; the same motion another day has another torque."""
+    used = load(model(tmp_path, (SHOULDER, ELBOW)))
+    part = rewrite(bag, tmp_path / "part", None, None, 12.0)
+    again = rewrite(bag, tmp_path / "again", scaled(("effort",), 1.01), metered("power", 1.01))
+    whole, cut, day = (read_recording(path, used, effort) for path in (bag, part, again))
+    refuse_shared([whole, day])
+    with refused(BagError, found=("part hold the same 12 s",)):
+        refuse_shared([day, whole, cut])
+    refuse_shared([replace(one, meter=None) for one in (whole, day)])
+
+
+def test_a_test_with_moments_of_the_fit_is_refused(bag: Path, tmp_path: Path) -> None:
+    used = load(model(tmp_path, (SHOULDER, ELBOW)))
+    part = rewrite(bag, tmp_path / "part", None, None, 12.0)
+    with refused(BagError, found="bag and part hold the same 12 s"):
+        identify_all(bag, used, "motor_current", test=part)
+    with refused(BagError, found="bag and part hold the same 12 s"):
+        identify_friction([bag, part], used, "motor_current")
+
+
+def test_temperatures_of_two_robots_are_named_where_a_model_is_identified(
+    bag: Path, tmp_path: Path
+) -> None:
+    colder = itertools.cycle([0.0, 40.0])
+
+    def change(message: Any) -> None:
+        message.temperature_degc = message.temperature_degc - next(colder)
+
+    others = {"ros2_energy_msgs/msg/MotorTemperatures": change}
+    other = rewrite(bag, tmp_path / "other", None, None, others=others)
+    path = model(tmp_path, (SHOULDER, ELBOW))
+    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    assert "two sensors or robots may share a topic" in note
 
 
 def test_a_meter_that_shows_less_than_the_shafts_take(

@@ -93,7 +93,7 @@ MODULES = {
         advise check command commands completion export fleet_identify fleet_report
         fleet_run history identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs info kinds layouts main model_reference models
+        identify_thermal import_logs kinds layouts main model_reference models
         monitoring optimize predict replay replay_arguments report result_schema schema
         shared_bus simulate terminal test tool_options
     """,
@@ -125,8 +125,8 @@ MODULES = {
         cabinet dc_link fan levels link_readings phase_readings supply thermometers
     """,
     "robot_energy_identify.check": """
-        evidence finding meter meter_step motion possible_causes process remedies run torque
-        torque_fit
+        effort evidence finding lateness meter meter_step motion possible_causes process remedies run
+        torque torque_fit
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings rest thinned
@@ -187,7 +187,7 @@ MODULES = {
         optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats headline held_out
+        canvas document drives dynamics energy energy_bars evaluation formats headline held_out
         history_month history_tables html identification identify_all jobs layouts
         model notebook optimization prediction printing recordings repeats replay
         replay_figures
@@ -449,9 +449,9 @@ def test_nothing_online_imports_what_only_reports_need():
     assert not found & {"matplotlib", "scipy", "rich", "clarabel", "polars", *OFFLINE}
 
 
-def test_a_replay_with_its_report_loads_no_identification():
+def test_a_replay_with_its_report_loads_none_of_what_others_need():
     found = loaded_by("robot_energy.replay.api", "robot_energy_report.replay")
-    assert "robot_energy_identify" not in found
+    assert not found & {"robot_energy_identify", "robot_energy_plan", "robot_energy_history"}
 
 
 def test_a_history_loads_neither_the_physics_nor_schemas():

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import faulthandler
 import inspect
+import os
 import signal
 import sys
 import time
@@ -250,10 +251,11 @@ def run(make_node: Callable[..., Node], args: Sequence[str] | None = None) -> in
 
 def usage(name: str, description: str) -> str:
     """Return the help of an executable: what it does, how to start it, where its parameters are."""
+    installed = os.sep in sys.argv[0]  # the script that `ros2 run` starts; else a bare name
+    start = f"{'ros2 run' if installed else 'python -m'} ros2_energy_monitor {name}"
     return (
         f"{' '.join(description.partition('Args:')[0].split())}\n\n"
-        f"usage: ros2 run ros2_energy_monitor {name} --ros-args [--params-file FILE] "
-        "[-p NAME:=VALUE] [-r FROM:=TO]\n\n"
+        f"usage: {start} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO]\n\n"
         f"All parameters with their meaning: config/{name}.yaml of the package, or\n"
         f"ros2 param describe /{name} NAME"
     )

@@ -79,6 +79,7 @@ class TimeWatch:
 
 
 NO_STATES = "start the driver or set joint_states.topics"
+NO_JOINT = "start its driver or name the topics of all joints in joint_states.topics"
 NO_TEMPERATURE = "start its driver, set its topic, or temperature_sources to [] if there is none"
 WARM_UP = QUALITY_REMEDIES[Quality.EXTRAPOLATED][1]
 SILENT_TEMPERATURE = "check its driver or topic"
@@ -120,9 +121,15 @@ def joint_state_source(
         for inbox, account in zip(inboxes, accounts, strict=True)
     ]
     topics = ", ".join(inbox.topic for inbox in inboxes)
+    late = set[str]()  # joints, at the last look
 
     def findings() -> StatusBuilder:
+        nonlocal late
         found = StatusBuilder("joint states")
+        before, late = late, {name for name, age in ingest.ages.items() if age > timeout()}
+        if ingest.samples and (gone := ", ".join(sorted(before & late))):
+            age = max(ingest.ages[name] for name in before & late)
+            found.add(ERROR, f"no {gone} for {age:.1f} s on {topics}, while others come", NO_JOINT)
         missing = ", ".join(sorted(ingest.missing_joints))
         if missing and not ingest.samples:
             met = ", ".join(sorted(ingest.ignored_joints))
@@ -197,6 +204,11 @@ def temperature_source(
     Args:
         wanted: Whether any source is set; that a robot has none is not a fault.
     """
+    fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
+    networks = [joint.thermal is not None for joint in model.joints]
+    if any(networks):
+        fixed = "" if all(networks) else f", and where the model has no network {fallback}"
+        fallback = f"they are estimated from the losses{fixed}"
 
     def findings() -> StatusBuilder:
         found = StatusBuilder("motor temperatures")
@@ -204,7 +216,6 @@ def temperature_source(
         topics = ", ".join(inbox.topic for inbox in inboxes) or "any topic"
         valued = [inbox for inbox in inboxes if inbox.msgtype != INTERFACE_NAMES]
         silent = [inbox for inbox in valued if inbox.age > model.temperature.stale_after]
-        fallback = f"friction is taken at {model.temperature.fallback_degc:g} degC"
         latest = stage.latest()
         given = latest.motor_temperature_degc[0]
         names = model.joint_names
@@ -412,6 +423,7 @@ def energy_source(
             "temperature_stale_share": _share(account, Quality.TEMPERATURE_STALE),
             "temperature_stuck_share": _share(account, Quality.TEMPERATURE_STUCK),
             "not_finite_share": _share(account, Quality.NOT_FINITE),
+            "learned_share": _share(account, Quality.LEARNED),
         }
         now = unknown_of()
         if now[:2] == before[:2] and now[2] > before[2]:

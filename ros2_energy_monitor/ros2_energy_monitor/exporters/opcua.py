@@ -25,6 +25,7 @@ import hmac
 import ipaddress
 import logging
 import math
+import socket
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -173,6 +174,7 @@ class OpcUaExporter(Exporter):
         self._thread = threading.Thread(target=self._run, name="opcua", daemon=True)
 
     def start(self) -> None:
+        _require_free(self._given)
         self._thread.start()
 
     def publish(self, newest: Newest, now: float) -> None:
@@ -363,3 +365,19 @@ def _check(given: OpcUaParameters) -> None:
         )
     if given.key_file:
         require_private(given.key_file, "key of the OPC UA server")
+
+
+def _require_free(given: OpcUaParameters) -> None:
+    """Refuse a place where nobody can listen: the server would fail seconds later."""
+    family = socket.AF_INET6 if ":" in given.address else socket.AF_INET
+    with socket.socket(family) as tried:
+        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            tried.bind((given.address, given.port))
+        except OSError as error:
+            raise ExporterError(
+                f"OPC UA cannot be served on {given.address} port {given.port} "
+                f"({error.strerror or error})",
+                "an address of this computer and a free port",
+                "set opcua.port to another one, or end the program that uses it",
+            ) from error

@@ -23,7 +23,7 @@ from ros2_energy_monitor.base.inputs import (
 )
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import FrictionParameters
-from ros2_energy_monitor.base.publishers import friction_publisher
+from ros2_energy_monitor.base.publishers import FRICTION_TOPIC, friction_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.diagnostics.energy import temperature_source
 
@@ -33,6 +33,7 @@ class FrictionMonitor(MonitorNode[FrictionParameters]):
 
     NAME = "friction_monitor"
     PARAMETERS = FrictionParameters
+    UNIQUE_TOPIC = FRICTION_TOPIC
 
     def set_up(self) -> None:
         """Make the stage, the publishers and the inboxes."""

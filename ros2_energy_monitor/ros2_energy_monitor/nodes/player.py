@@ -54,6 +54,12 @@ MATCHING = 10.0  # s until every topic that has a subscriber has met it
 LISTENING = 1.0  # s after the first subscriber, for the others
 REPORTS = 10  # lines about the progress
 MAX_SENTENCES = 20  # about topics left out
+OUTPUTS = {  # of monitors
+    f"ros2_energy_msgs/msg/{name}"
+    for name in (
+        "PowerState", "EnergyRegisters", "JointTorque", "JointFriction", "FrictionCondition",
+    )
+}  # fmt: skip
 LOOKING = 0.05  # s until keys and services are looked at where no message is awaited
 
 
@@ -87,6 +93,7 @@ class Player:
         self.clock = PlaybackClock(node, rate, clock_rate, paused=paused, report=report)
         self._publishes_clock = clock_rate > 0.0
         self._publishers: dict[str, Any] = {}
+        self._all = topics is None
         for topic in bag.topics if topics is None else topics:
             info = bag.topics.get(topic)
             if info is None:
@@ -143,6 +150,26 @@ class Player:
             for topic, publisher in self._publishers.items()
             if publisher.get_subscription_count()
         ]
+
+    def leave_out_outputs(self) -> None:
+        """Leave out what a monitor publishes as well, unless topics were named."""
+        for topic, publisher in list(self._publishers.items()):
+            if not self._all or self._bag.topics[topic].msgtype not in OUTPUTS:
+                continue
+            found = self._node.get_publishers_info_by_topic(publisher.topic_name)
+            others = {one.node_name for one in found} - {self._node.get_name()}
+            if others:
+                self._node.destroy_publisher(self._publishers.pop(topic))
+                names = " and ".join(sorted(others))
+                self._report(
+                    f"left out: {shown(topic)}, which {names} publishes (--topics plays it)"
+                )
+        if not self._publishers:
+            raise MissingTopicError(
+                f"{self._bag.path} holds nothing but what monitors that run publish",
+                "joint states",
+                "name topics with --topics to play them as well",
+            )
 
     def play(self, pause: Callable[[float], bool], *, loop: bool = False) -> None:
         """Publish all of it, once or for ever.
@@ -299,6 +326,7 @@ def _play(bag: BagReader, options: argparse.Namespace, node: Node, stop: StopSig
             if has_key:
                 print("the space key pauses", flush=True)
             if pause(LISTENING):
+                player.leave_out_outputs()
                 player.play(pause, loop=options.loop)
         for topic, count in player.played.items():
             print(f"{count:8d} {shown(topic)}", flush=True)

@@ -22,7 +22,7 @@ from ros2_energy_monitor.base.inputs import joint_state_inboxes
 from ros2_energy_monitor.base.monitor_node import MonitorNode
 from ros2_energy_monitor.base.node_parameters import TorqueParameters
 from ros2_energy_monitor.base.played_recording import Change, PlayedRecording
-from ros2_energy_monitor.base.publishers import torque_publisher
+from ros2_energy_monitor.base.publishers import TORQUE_TOPIC, torque_publisher
 from ros2_energy_monitor.base.run_node import run
 from ros2_energy_monitor.base.settings import settings_of
 from ros2_energy_monitor.diagnostics.energy import joint_state_source
@@ -34,6 +34,7 @@ class TorqueMonitor(MonitorNode[TorqueParameters]):
 
     NAME = "torque_monitor"
     PARAMETERS = TorqueParameters
+    UNIQUE_TOPIC = TORQUE_TOPIC
     # One message for each joint state: bursts of 80 ms lost some on the way to a subscriber where
     # recordings are played fast; its receive buffer is small by default.
     TAKEN_EVERY = 0.0

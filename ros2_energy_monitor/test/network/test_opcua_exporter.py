@@ -266,15 +266,23 @@ def test_an_open_file_of_credentials_is_refused(tmp_path):
         OpcUaExporter(OpcUaParameters(credentials_file=secret_file(tmp_path, 0o644)), "kr16")
 
 
-def test_a_port_in_use_is_in_the_diagnostics(server, eventually):
+def test_a_port_in_use_is_refused(server):
     out, _ = server
-    second = OpcUaExporter(out._given, "kr16")
-    second.start()
-    eventually(lambda: second._failure, "the failure")
+    words = "OPC UA cannot be served on 127.0.0.1 port .*Address already in use.*Set opcua.port to"
+    with pytest.raises(ExporterError, match=words):
+        OpcUaExporter(out._given, "kr16").start()
+
+
+def test_a_server_that_fails_is_in_the_diagnostics(eventually, free_port, tmp_path):
+    broken = secret_file(tmp_path, 0o600)
+    given = OpcUaParameters(port=free_port(), certificate_file=str(broken), key_file=str(broken))
+    out = OpcUaExporter(given, "kr16")
+    out.start()
+    eventually(lambda: out._failure, "the failure")
     found = StatusBuilder("opcua")
-    second.check(found)
+    out.check(found)
     assert "the OPC UA server does not run" in found.message
-    second.stop()
+    out.stop()
 
 
 def test_loads_outside_of_the_cabinet_get_objects_of_their_own(serve, eventually):

@@ -95,7 +95,7 @@ class ConditionLearner:
         self.learning = Learning.OFF if assumed else settings.learning
         self.learns = self.learning is not Learning.OFF
         self.applies = self.learning is Learning.APPLY
-        self.thermal = ThermalObserver(model, not assumed, MeterCurve(*limits))
+        self.thermal = ThermalObserver(model, not assumed)
         self._model = model
         n_joints = len(model.joints)
         drivetrain = Drivetrain.from_model(model)
@@ -124,7 +124,6 @@ class ConditionLearner:
         """Take readings of the meter."""
         if self.learns:
             self._readings.append(block)
-        self.thermal.measure(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Cut at parts and windows, as in `robot_energy.pipeline.power_stage.Condition.cuts`."""

@@ -5,10 +5,10 @@ ambient and the factor on the heat in its state the variance of an open loop gro
 what a sensor has taught stays when it fails. The heat of a window moves the temperature that is
 used from the next one on, so nothing depends on how the input is cut.
 
-What a gear begins with is not known: measured torque corrects it, else the power meter. Friction
-that errs for another reason, such as wear, must not be taken for a temperature. So only the error
-of the start is corrected, which fades; what the figures of the gear leave open is in the deviation
-alone.
+What a gear begins with is not known: measured torque corrects it. Friction that errs for another
+reason, such as wear, must not be taken for a temperature. So only the error of the start is
+corrected, which fades; what the figures of the gear leave open is in the deviation alone. The power
+meter corrects no temperature, as a prediction is compared with it.
 """
 
 from __future__ import annotations
@@ -16,9 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_energy.accounting.power_curve import MeterCurve, MeterLimits
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.condition.meter_fit import METER_WAIT, MeterWindows
 from robot_energy.condition.record import ThermalRecord, filled, flat
 from robot_energy.condition.thermal_state import GEAR, MOTOR, SENSOR_STD, ThermalState
 from robot_energy.foundation.errors import StateFileError
@@ -31,9 +29,6 @@ from robot_energy.timeline.blocks import (
     Bits,
     Float,
     Int,
-    MeterBlock,
-    MeterLocation,
-    Phase,
     PowerBlock,
     Quality,
     differences,
@@ -45,11 +40,6 @@ FRICTION_WINDOWS = 60  # with one error of friction: torque constant, Coulomb fr
 COULOMB_SHARE = 0.03  # by which Coulomb friction is taken to be off
 MAX_ODDITY = 4.0  # standard deviations: beyond it, friction says something else
 MIN_WORK = 1.0  # J of friction in a window that says something of it
-METER_SHARE = 0.02  # of the measured power: an error that all predictions have
-METER_LEAST = 5.0  # W, at least
-METER_WINDOWS = 60  # of 5 s, with the same error
-SLOT_NS = 10_000_000  # of each, the first sample is compared with the meter [ns]
-PLACES = (MeterLocation.GRID, MeterLocation.DC_BUS)
 
 
 class ThermalObserver:
@@ -57,14 +47,12 @@ class ThermalObserver:
 
     A motor is corrected by a reading that has changed, else, where there is none, by the viscous
     friction that the measured torque shows, else by nothing. A reading that stands still corrects
-    nothing: it may be stuck long before that is known. A gear is corrected by that friction, else
-    by the power meter.
+    nothing: it may be stuck long before that is known. A gear is corrected by that friction.
 
     Args:
         model: The robot's model; motors without ``thermal`` and gears without ``gear`` are not
             estimated.
         on: False for a motion whose temperatures are assumed.
-        curve: Turns readings of the meter into pieces; None for the usual limits.
 
     Attributes:
         degc: Estimated temperature of each motor in this window, shape (n,); NaN where there is
@@ -79,7 +67,7 @@ class ThermalObserver:
         end_ns: End of the newest window that was taken; None before the first. [ns]
     """
 
-    def __init__(self, model: RobotModel, on: bool = True, curve: MeterCurve | None = None) -> None:
+    def __init__(self, model: RobotModel, on: bool = True) -> None:
         self._model = model
         joints = model.joints
         self._networks = np.array([on and joint.thermal is not None for joint in joints])
@@ -101,10 +89,7 @@ class ThermalObserver:
         self._filter = ThermalState(
             [joint.thermal for joint in own], [joint.gear for joint in own], model.temperature
         )
-        count = len(own)
-        self._windows = MeterWindows(len(PLACES) + count, curve or MeterCurve(MeterLimits.max_gap))
-        self._slot = -1
-        self._used = np.full(count, np.nan)  # reading of the last correction
+        self._used = np.full(len(own), np.nan)  # reading of the last correction
         self._open: list[PowerBlock] = []  # of the window that has not ended
         self._reading: Float = np.full(n_joints, np.nan)
         self._window: int | None = None
@@ -115,11 +100,6 @@ class ThermalObserver:
     def learns(self) -> bool:
         """Whether there is a state to keep across restarts."""
         return self.on
-
-    def measure(self, block: MeterBlock) -> None:
-        """Take readings of the meter."""
-        if self.geared.any():
-            self._windows.measure(block)
 
     def cuts(self, stamp_ns: Int, before_ns: int, rising: bool) -> list[int]:
         """Return where samples must be cut, so that a window's heat counts from there on.
@@ -241,8 +221,6 @@ class ThermalObserver:
         torque = bool(np.isfinite(self._columns("motor_torque_measured")).any())
         if torque and (np.isnan(reading).any() or state.has_gear.any()):
             self._correct_by_friction(elapsed, np.isnan(reading))
-        if state.has_gear.any():
-            self._correct_by_meter(torque)
         self._open.clear()
         if windows > 1:
             state.cool((windows - 1) * WINDOW_NS)
@@ -256,59 +234,10 @@ class ThermalObserver:
         used = gears | (unread & state.networks & ~state.has_gear)
         state.correct(place, *self._by_friction(elapsed, used, place))
 
-    def _correct_by_meter(self, torque: bool) -> None:
-        """Correct all gears together by the residual of the power, where no torque determines more.
-
-        The residual of a window is ``sum(d fv/dT (T_g - estimate) integral(w u dt))``; errors of
-        the prediction itself are alike for long, so one window counts for little.
-        """
-        blocks, last, state = self._open, self._last_ns, self._filter
-        stamp = np.concatenate([block.stamp_ns for block in blocks])
-        rows = differences(stamp // SLOT_NS, self._slot).nonzero()[0]
-        self._slot = int(stamp[-1] // SLOT_NS)
-        if not len(rows):
-            return
-        segment = np.concatenate([block.segment for block in blocks])
-        power = [
-            np.concatenate([block.power_at(place) for block in blocks])[rows] for place in PLACES
-        ]
-        phase = np.concatenate([block.phase for block in blocks])
-        squares = (self._columns("motor_velocity") * self._turning())[rows]
-        squares[phase[rows] == Phase.GENERATING] = 0.0
-        columns = np.column_stack([*power, squares])
-        until = (last // WINDOW_NS + 1) * WINDOW_NS - METER_WAIT
-        for window in self._windows.step(stamp[rows], segment[rows], columns, until):
-            if torque or not state.begun.any():
-                continue
-            slope = self._slope()[self._own] * state.begun
-            slope *= window.energies[len(PLACES) :]
-            column = state.covariance[:, :, GEAR]
-            place = PLACES.index(self._windows.location)
-            residual = window.measured - float(window.energies[place])
-            error = max(METER_SHARE * abs(window.measured), METER_LEAST * window.duration)
-            prior = float(slope**2 @ column[:, GEAR])
-            if not np.isfinite(residual) or residual**2 > MAX_ODDITY**2 * (prior + error**2):
-                continue
-            gain = column * (slope / (prior + METER_WINDOWS * error**2))[:, None]
-            state.x += gain * residual
-            state.covariance = state.covariance - gain[:, :, None] * (
-                slope[:, None, None] * column[:, None, :]
-            )
-
-    def _slope(self) -> Float:
-        """Slope of fv at the temperature of the friction, shape (n,). [N m s/(rad K)]"""
-        degc = self._whole(self._filter.friction_degc)
-        return 0.5 * (self._friction.viscous(degc + 1.0) - self._friction.viscous(degc - 1.0))
-
     def _columns(self, name: str) -> Float:
         """An array of the window for the estimated motors; in one order however it was cut."""
         parts = [getattr(block, name)[:, self._own] for block in self._open]
         return np.asfortranarray(np.concatenate(parts))
-
-    def _turning(self) -> Float:
-        """What viscous friction is in proportion to, as `_columns`. [rad/s]"""
-        speeds = [self._friction.viscous_velocity(block.motor_velocity) for block in self._open]
-        return np.asfortranarray(np.concatenate([speed[:, self._own] for speed in speeds]))
 
     def _by_friction(
         self, elapsed: Float, used: NDArray[np.bool_], place: Int
@@ -321,7 +250,8 @@ class ThermalObserver:
         own, measured = self._own, self._columns("motor_torque_measured")
         state, rows = self._filter, np.arange(len(place))
         now, variance = state.friction_degc, state.covariance[rows, place, place]
-        speed = self._turning()
+        speeds = [self._friction.viscous_velocity(block.motor_velocity) for block in self._open]
+        speed = np.asfortranarray(np.concatenate([each[:, own] for each in speeds]))
         rest = measured - self._columns("motor_torque") + self._columns("viscous") * speed
         quality = np.concatenate([block.quality for block in self._open])
         seen = np.isfinite(rest) & (self._columns("friction_power") > 0.0)
@@ -331,7 +261,8 @@ class ThermalObserver:
         work = np.where(seen, weight * rest * speed, 0.0).sum(axis=0)
         coulomb = (weight * np.abs(speed) * self._columns("coulomb")).sum(axis=0)
         whole = self._whole(now)
-        value, slope = self._friction.viscous(whole)[own], self._slope()[own]
+        colder, value, warmer = (self._friction.viscous(whole + k)[own] for k in (-1.0, 0.0, 1.0))
+        slope = 0.5 * (warmer - colder)
         law = np.nan_to_num(self._friction.viscous_std(whole)[own])
         says = used & (value * squares > MIN_WORK) & (slope < 0.0)
         squares, slope = np.where(says, squares, 1.0), np.where(says, slope, -1.0)

@@ -17,8 +17,8 @@ class InputOptions(TypedDict, total=False):
         "topics of sensor_msgs/JointState; several where each brings some of the joints",
         value="TOPIC", several="in a row", group=TOPICS)]
     effort: Annotated[str | None, Option(
-        "what the effort in the joint states is; with it, the shaft power of each joint is known "
-        "by measurement, too; never guessed: none means that it is not used",
+        "what the effort in the joint states is: it gives the measured shaft power of each joint; "
+        "none: it is not used",
         absent="that of --inputs, else none", value="MEANING",
         choices=("none", "motor_current", "motor_torque", "joint_torque"), group=TOPICS)]
     derivative_window: Annotated[float | None, Option(
@@ -40,8 +40,8 @@ class InputOptions(TypedDict, total=False):
         "0.1 s to 1 s",
         absent="that of --inputs, else 0", unit="s", low=0.0, high=60.0, group=SETTINGS)]
     learning: Annotated[str | None, Option(
-        "what is learned of friction and constant losses: off for nothing; observe to show it; "
-        "apply to predict with it",
+        "friction and constant losses at work; off: nothing is learned; observe: what is learned "
+        "is shown; apply: predictions use it",
         absent="observe", choices=("off", "observe", "apply"), group=SETTINGS)]
     meter_max_gap: Annotated[float | None, Option(
         "longest time between two meter readings that is bridged",

@@ -90,7 +90,8 @@ class Parameter(Described):
         except ParameterError:
             found = ()
         if not found:
-            raise ParameterError(f"parameter '{self.name}' of {owner} is {value!r}", self.expected)
+            given = list(items) or value
+            raise ParameterError(f"parameter '{self.name}' of {owner} is {given!r}", self.expected)
         return found
 
 

@@ -316,6 +316,13 @@ def _notes(result: Replay) -> list[str]:
     notes += account.judgement.findings(account.comparison, ended=True)
     lag = account.comparison.response.sentence
     notes += [lag] if lag else []
+    learned = float(account.counts.learned_energy_sum.joule[0])
+    if learned > 0.0:
+        share = learned / account.registers.cabinet("grid_import")
+        notes.append(
+            f"{share:.0%} of the predicted energy was corrected by what was learned of the meter, "
+            "or of torque (learning: apply): its errors are not those of the model file"
+        )
     counter = account.comparison.curve.counter
     if counter.resets:
         notes.append(

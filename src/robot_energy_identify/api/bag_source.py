@@ -20,7 +20,12 @@ from robot_energy_identify.drives.drive_power import DrivePowerTopics
 from robot_energy_identify.friction.samples import FrictionData, friction_data
 from robot_energy_identify.options import EFFORTS, Stages, silent
 from robot_energy_identify.plausibility import check_signs
-from robot_energy_identify.refused_recordings import refuse_motion, refuse_torque, torque_evidence
+from robot_energy_identify.refused_recordings import (
+    refuse_motion,
+    refuse_shared,
+    refuse_torque,
+    torque_evidence,
+)
 from robot_energy_identify.run_all import usable_effort
 from robot_energy_identify.stats.systematic import DEFAULT_LIMITS, SensorLimits
 
@@ -68,8 +73,9 @@ class BagSource:
         for bag in self.bags:
             with self.progress(f"reading {Path(bag).name}") as report:
                 part = read_recording(bag, model, meaning, report, read, most)
-                refuse_motion(part)
+                refuse_motion(part, meaning)
                 found.append(replace(part, sensors=sensors))
+        refuse_shared(found)
         return found
 
     def with_effort(self, model: RobotModel) -> list[Recording]:

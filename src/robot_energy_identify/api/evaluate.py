@@ -20,7 +20,7 @@ from robot_energy.replay.options import ReplayOptions
 from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
 from robot_energy.results.base import model_used
 from robot_energy.results.replay import ReplayReport, replay_report
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, Quality
 from robot_energy.timeline.pieces import NO_INTERVALS, Compared
 from robot_energy_identify.check.meter_step import by_second, step_of
 from robot_energy_identify.provenance import sha256_of
@@ -37,6 +37,10 @@ from robot_energy_identify.results.evaluation import (
 
 LONGER = 5.0 * Settings.derivative_window  # window of accelerations that is tried as well [s]
 WINDOW = "longer window"
+CORRECTED = (
+    "the measured torque has corrected the temperatures that friction follows, as in the monitor: "
+    "torque errors of the model without it may be larger"
+)
 BETTER = 0.9  # torque error with it over that without, from which on it is worth a sentence [-]
 
 
@@ -137,9 +141,14 @@ def _run(
     result = replay(path, model, ReplaySetup.of(options), on_output=take, on_compared=compare)
     torque.finish()
     report = replay_report(result, change)
+    notes = list(report.notes)
     step = step_of(Compared.concatenate(compared), result.account.registers.time.start_ns or 0)
     if step is not None:
-        report = replace(report, notes=(*report.notes, f"{step.sentence}: {step.remedy}"))
+        notes.append(f"{step.sentence}: {step.remedy}")
+    estimated = result.account.counts.quality[Quality.TEMPERATURE_ESTIMATED]
+    if report.shaft is not None and (estimated or any(joint.gear for joint in model.joints)):
+        notes.append(CORRECTED)
+    report = replace(report, notes=tuple(notes))
     return report, ScoreSums.of(report, torque, result.power_error), (degc[0], degc[1])
 
 
@@ -165,6 +174,6 @@ def _recording(
     return RecordingScore(
         bag.name, sha256, seen, reason, report.origin, report.time.observed_time, *degc,
         place, meter.compared_time, meter.measured_energy,
-        meter.half_relative, report.uncertainty.inside, (), report.problems,
+        meter.half_relative, report.uncertainty.inside_parametric, (), report.problems,
         report.notes,
     )  # fmt: skip

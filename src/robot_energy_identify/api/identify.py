@@ -52,6 +52,7 @@ from robot_energy_identify.refused_recordings import (
     on_one_clock,
     refuse_meter,
     refuse_motion,
+    refuse_shared,
     refuse_torque,
     stepping_meters,
     torque_evidence,
@@ -385,12 +386,13 @@ def identify_all(
     for bag in (*fitted, *tests):
         with progress(f"reading {bag.name}") as report:
             recording = bag.whole(given, report)
-        states += refuse_motion(recording)
+        states += refuse_motion(recording, bag.effort)
         recordings.append(recording)
         known.append((facts(bag, recording), recording.span_ns))
         evidence.append(torque_evidence(recording, bag.effort))
         if len(known) <= len(fitted):
             check_signs([recording], bag.effort)
+    refuse_shared(recordings)
     recordings, moved = on_one_clock(recordings)
     for bag, recording in zip(fitted, recordings, strict=False):
         refuse_meter([recording], bag.effort)

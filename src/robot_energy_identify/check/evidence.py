@@ -35,6 +35,8 @@ from robot_energy.timeline.blocks import (
     SupplyBlock,
     TorqueBlock,
 )
+from robot_energy_identify.check.effort import check_effort
+from robot_energy_identify.check.finding import Finding
 
 BY_SAMPLE = (
     "stamp_ns", "segment", "position", "velocity", "acceleration", "motor_torque",
@@ -46,7 +48,7 @@ WINDOW_NS = 10_000_000_000
 MAX_SAMPLES = 60_000  # kept; some 0.5 kB each for six joints
 NEEDED = (
     "joint_position", "joint_velocity", "joint_acceleration", "motor_torque_measured",
-    "shaft_power_measured", "motor_temperature_degc",
+    "motor_torque_rigid", "shaft_power_measured", "motor_temperature_degc",
 )  # fmt: skip
 Kept = TypeVar("Kept", bound=Block)
 Window = tuple[list[TorqueBlock], list[PowerBlock], list[MeterBlock]]
@@ -100,6 +102,7 @@ class Evidence(Described):
     inputs: Annotated[Inputs, "How the recording was read."] = field(default_factory=Inputs)
     name: Annotated[str, "Of the recording, where it is one of several."] = ""
     derived: Annotated[bool, "Whether velocities come from the positions."] = False
+    of_effort: Annotated[tuple[Finding, ...], "What is wrong with it, found without a fit."] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -201,6 +204,9 @@ def evidence_of(
         remarks=remarks,
         inputs=inputs or Inputs(),
         derived=bool((torque.quality & np.uint32(Quality.VELOCITY_DERIVED)).all()),
+        of_effort=()
+        if effort is EffortMeaning.NONE
+        else tuple(check_effort(model.joint_names, torque)),
     )
 
 

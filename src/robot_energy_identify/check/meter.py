@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
 
 from robot_energy.accounting.comparison import Comparison
 from robot_energy.accounting.meter_response import MeterResponse
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.foundation.described import Described
-from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterMeaning
+from robot_energy.timeline.blocks import NANOSECOND, EffortMeaning, Float, MeterBlock, MeterMeaning
+from robot_energy.timeline.pieces import CoveredPieces
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import ERROR, WARNING, Finding, unjudged
@@ -39,7 +42,16 @@ BODIES = (
     "gear_ratio",
     "other_robot",
 )  # spoil predictions
-TORQUES = (*BODIES, "torque_sign", "torque_scale", "effort_meaning")  # spoil shaft powers
+TORQUES = (
+    *BODIES,
+    "torque_sign",
+    "torque_scale",
+    "effort_meaning",
+    "effort_late",
+    "effort_unsigned",
+)  # spoil shaft powers
+MOST_HELD, REGULAR = 0.9, 0.7  # share of the runs of equal readings: two or more, as the usual
+LONGEST = 1.5  # usual intervals that a reading may stand for
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
 
@@ -57,6 +69,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
         return [], "the recording has no power meter"
     time, measured = _measured(evidence)
     findings = [Finding("meter", WARNING, ("meter",), note) for note in evidence.remarks.meter]
+    findings += _held(evidence)
     predicted = _predicted(evidence, time)(0.0)
     both = np.isfinite(measured) & np.isfinite(predicted)
     if int(both.sum()) < MIN_INTERVALS:
@@ -104,9 +117,13 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
     assert meter is not None
     time = (meter.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
     if meter.meaning is MeterMeaning.CUMULATIVE:
-        step = np.diff(time)
-        good = (step > 0) & (step < APART * np.median(step))
-        return (0.5 * (time[1:] + time[:-1]))[good], (np.diff(meter.energy)[good] / step[good])
+        source, gap = evidence.inputs.meter, APART * float(np.median(np.diff(time)))
+        limits = MeterLimits(
+            max(gap, evidence.inputs.meter_max_gap), source.max_power, source.wraps_at_joule
+        )
+        pieces = CoveredPieces.concatenate(limits.pieces(meter))
+        begin, end = (at - evidence.stamp_ns[0] for at in (pieces.stamp_ns, pieces.end_ns))
+        return 0.5 * (begin + end) * NANOSECOND, pieces.mean_power
     half = np.where(np.isfinite(meter.interval), 0.5 * meter.interval, 0.0)
     return time - half, meter.power
 
@@ -207,6 +224,45 @@ def _lag(evidence: Evidence, found: MeterLag | str) -> list[Finding]:
             lag, *remedies.meter(evidence, delay=late),
         )
     ]  # fmt: skip
+
+
+def readings_once(meter: MeterBlock) -> tuple[MeterBlock, str]:
+    """Return each reading once where all of them are repeated, and a sentence that says so.
+
+    They stand for the time since the one before. The slope of readings that are held is a
+    staircase, which no low pass of a meter is.
+    """
+    changes = np.flatnonzero(np.diff(meter.power) != 0.0) + 1
+    runs = np.diff(changes)
+    if meter.meaning is MeterMeaning.CUMULATIVE or len(runs) < MIN_INTERVALS:
+        return meter, ""
+    usual = int(np.median(runs))
+    if (runs > 1).mean() < MOST_HELD or (np.abs(runs - usual) <= 1).mean() < REGULAR:
+        return meter, ""
+    step_ns = int(np.median(np.diff(meter.stamp_ns)))
+    since = np.arange(changes[0], len(meter))
+    run = np.searchsorted(changes, since, "right") - 1
+    since -= changes[run]
+    times = np.maximum(np.rint(np.diff(changes, append=len(meter)) / usual), 1.0)[run]
+    once = meter[changes[0] :][(since % usual == 0) & (since < times * usual)]
+    if once.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
+        apart = np.diff(once.stamp_ns, prepend=once.stamp_ns[0] - usual * step_ns)
+        longest = round(LONGEST * usual * step_ns)
+        once = replace(once, interval=np.minimum(apart, longest) * NANOSECOND)
+    every = step_ns * NANOSECOND
+    return once, (
+        f"readings of the meter come every {every:.2g} s, but change every {usual * every:.2g} s"
+    )
+
+
+def _held(evidence: Evidence) -> Iterator[Finding]:
+    assert evidence.meter is not None
+    _, held = readings_once(evidence.meter)
+    if held:
+        yield Finding(
+            "meter_held", WARNING, ("meter",), held,
+            remedy="record each reading once, with the interval that it stands for",
+        )  # fmt: skip
 
 
 def _step(evidence: Evidence, lag: MeterLag | str) -> list[Finding]:

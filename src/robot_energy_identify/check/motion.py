@@ -15,6 +15,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence, velocity_noise
 from robot_energy_identify.check.finding import ERROR, MODEL, WARNING, Finding, unjudged
+from robot_energy_identify.check.lateness import lateness
 
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
@@ -28,6 +29,10 @@ MIN_TRAVEL = 0.05  # rad or m that a joint moves, beyond the noise of one at res
 MIN_STEPS = 40  # of held velocities while the robot moves
 MIN_HELD = 0.9  # share of the steps that come after a velocity was held
 MIN_SHARE = 0.05  # of its range that a joint moves
+LATE = 0.025  # s: some drivers filter velocities, and those of sound recordings are 0.01 s late
+APART = 0.2  # of the longest way in a second, that velocities may miss it: sound ones miss 0.03
+MIN_APART = 3  # seconds in which they do
+MIN_SAMPLED = 10  # samples in a second
 NEAR = 0.3  # of the logarithm of a factor
 
 
@@ -56,7 +61,9 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
             _units(evidence, joint, foreign) if foreign[joint] else _limits(evidence, joint)
         )
     ]
-    slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
+    slopes = list(_late(evidence)) if not any(foreign) else []
+    if not slopes:
+        slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
     findings += _together(evidence, slopes)
     if not any(finding.severity == ERROR for finding in findings):
         # joints that would need more torque than the robot has
@@ -101,8 +108,16 @@ def _degrees_unseen(evidence: Evidence) -> Iterator[Finding]:
     yield unjudged("degrees", (), "whether positions are in radians", why)
 
 
-def _change(evidence: Evidence, joint: int) -> tuple[Float, Float, Float]:
-    """Mean velocity of each step from its positions and from the recorded velocities; its time."""
+class _Steps(NamedTuple):
+    """Steps of a joint from sample to sample, shape (N,) each."""
+
+    change: Float  # mean velocity, of its positions
+    velocity: Float  # mean of the recorded velocities
+    time: Float  # s
+    middle: Float  # since the first stamp [s]
+
+
+def _change(evidence: Evidence, joint: int) -> _Steps:
     time = np.diff(evidence.stamp_ns) * NANOSECOND
     same = (np.diff(evidence.segment) == 0) & (time > 0)
     position, velocity = evidence.position[:, joint], evidence.velocity[:, joint]
@@ -110,7 +125,53 @@ def _change(evidence: Evidence, joint: int) -> tuple[Float, Float, Float]:
     if evidence.robot.limits.wraps[joint]:
         step = shortest(step)
     change = step[same] / time[same]
-    return change, 0.5 * (velocity[1:] + velocity[:-1])[same], time[same]
+    middle = (evidence.stamp_ns[1:] - evidence.stamp_ns[0]) * NANOSECOND - 0.5 * time
+    return _Steps(change, 0.5 * (velocity[1:] + velocity[:-1])[same], time[same], middle[same])
+
+
+def _late(evidence: Evidence) -> Iterator[Finding]:
+    """Velocities of all joints that are behind their positions, or ahead of them."""
+    if evidence.derived or evidence.remarks.repeating:
+        return
+    steps = [_change(evidence, joint) for joint in range(len(evidence.names))]
+    lag = lateness(steps[0].middle, [(one.change[:, None], one.velocity) for one in steps], LATE)
+    if lag:
+        where = "behind" if lag > 0.0 else "ahead of"
+        yield Finding(
+            "velocity_late", ERROR, evidence.names,
+            f"velocities are {abs(lag):.2f} s {where} the change of the positions, as filtered "
+            "or delayed ones are", lag, *remedies.NO_VELOCITY,
+        )  # fmt: skip
+
+
+def _apart(evidence: Evidence, joint: int, steps: _Steps) -> Iterator[Finding]:
+    """A velocity that does not sum to the change of its position in some of the seconds."""
+    second = steps.middle.astype(np.int64)
+
+    def total(values: Float) -> Float:
+        return np.bincount(second, values * steps.time).astype(np.float64)
+
+    off, way = total(steps.change - steps.velocity), total(np.abs(steps.change))
+    if not evidence.robot.limits.prismatic[joint]:
+        off = shortest(off)  # a position may be wrapped at half a turn
+    longest = float(max(way.max(), total(np.abs(steps.velocity)).max()))
+    sampled = np.bincount(second) >= MIN_SAMPLED
+    apart = np.flatnonzero(sampled & (np.abs(off) > max(APART * longest, MIN_TRAVEL)))
+    if len(apart) < max(MIN_APART, MIN_BEYOND * np.count_nonzero(sampled)):
+        return
+    name, since = evidence.names[joint], f"{len(apart)} s, first {apart[0]} s after the begin"
+    if np.median(way[apart]) > 0.0:
+        yield Finding(
+            "velocity_apart", ERROR, (name,),
+            f"the velocity of {name} does not sum to the change of its position in {since}",
+            float(len(apart)), *remedies.NO_VELOCITY,
+        )  # fmt: skip
+    else:
+        yield Finding(
+            "position_held", ERROR, (name,),
+            f"the position of {name} stays the same although its velocity is not 0 in {since}",
+            float(len(apart)), "leave this recording out, or record again",
+        )  # fmt: skip
 
 
 def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
@@ -119,7 +180,8 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
     name, position = evidence.names[joint], evidence.position[:, joint]
     away = position - position[0]
     travel = float(np.ptp(shortest(away) if evidence.robot.limits.wraps[joint] else away))
-    change, velocity, time = _change(evidence, joint)
+    steps = _change(evidence, joint)
+    change, velocity, time, _ = steps
     if travel > MIN_TRAVEL and not velocity.any():
         yield Finding(
             "velocity_zero", ERROR, (name,),
@@ -160,6 +222,8 @@ def _slope(evidence: Evidence, joint: int) -> Iterator[Finding]:
             + (": one of them is in degrees" if _in_degrees(slope) != slope else ""),
             slope,
         )  # fmt: skip
+    else:
+        yield from _apart(evidence, joint, steps)
 
 
 def _in_degrees(slope: float) -> float:
@@ -180,7 +244,7 @@ def _together(evidence: Evidence, findings: Sequence[Finding]) -> Iterator[Findi
         elif cause == "velocity_scale":
             scales = [1.0 / _in_degrees(one.evidence) for one in alike]
             remedy = remedies.corrected(evidence, ("velocity",), joints, scale=scales)
-        more = f"; likewise that of {', '.join(names[1:])}" if names[1:] else ""
+        more = f"; likewise that of {', '.join(names[1:])}" if alike[1:] else ""
         yield replace(
             alike[0], subject=names, sentence=alike[0].sentence + more,
             remedy=remedy[0], remedy_in=remedy[1],
@@ -237,7 +301,7 @@ def _units(evidence: Evidence, joint: int, foreign: Sequence[bool]) -> Iterator[
         if is_foreign or (_unit(evidence, one) in kinds and not far[one])
     )
     scales = [1.0 / _unit(evidence, one).factor for one in joints]
-    change, velocity, _ = _change(evidence, joint)
+    change, velocity, *_ = _change(evidence, joint)
     slope = float(velocity @ change / (change @ change)) if change.any() else 1.0
     sound = slope > 0 and abs(np.log(slope * unit.factor)) < NEAR  # the velocity is in SI
     quantities = ("position",) if sound else ("position", "velocity")

@@ -60,6 +60,9 @@ SPOILING = (
     "velocity_zero",
     "velocity_held",
     "velocity_unrelated",
+    "velocity_late",
+    "velocity_apart",
+    "position_held",
     "joint_states_refused",
 )  # that spoil all torques, and with them the prediction for the meter
 TORQUE, METER = "torque", "power meter"
@@ -116,7 +119,7 @@ def check_together(
         )  # fmt: skip
         del windows, result
         checks.append(checks_of(evidence))
-        if TORQUE not in checks[-1].skipped:
+        if TORQUE not in checks[-1].skipped and not evidence.of_effort:
             parts[place] = evidence.thinned()
     first = next(iter(parts.values()), None)
     alike = {

@@ -171,6 +171,8 @@ def check_torque(evidence: Evidence, parts: Sequence[Evidence] = ()) -> tuple[li
         return list(_fitting_meanings(evidence)), why
     if not bool(np.isfinite(evidence.motor_torque).any()):
         return [], "the joint states carry no effort"
+    if evidence.of_effort:
+        return list(evidence.of_effort), ""
     fit = TorqueFit(evidence.thinned())
     if not fit.known.any():
         return [], f"no joint has {LEAST} with an acceleration"

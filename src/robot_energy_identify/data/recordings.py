@@ -197,12 +197,9 @@ class Recording(Described):
         if model is self.model:
             return self
         seen = replace(self, model=model, response=MeterResponse.of(model), known=None)
-        block, limits = self.torque, self.limits
+        block = self.torque
         effort = EffortMeaning.NONE if self.replay is None else self.replay.effort
-        settings = Settings(
-            effort=effort, learning=Learning.OFF, deviations=False, meter_max_gap=limits.max_gap,
-            meter_max_power=limits.max_power, meter_wraps_at=limits.wraps_at,
-        )  # fmt: skip
+        settings = Settings(effort=effort, learning=Learning.OFF, deviations=False)
         if self.differs_in_supply(model):
             return replace(seen, power=SupplyStage(model, settings).again(self.power))
         stage = TorqueStage(model)
@@ -213,13 +210,13 @@ class Recording(Described):
         torque = stage.plan(JointBlock(**motion, joint_effort=unknown))
         assert torque is not None
         torque = replace(torque, motor_torque_measured=block.motor_torque_measured)
-        powers = _powers(torque, self.temperatures, self.meter, model, settings)
+        powers = _powers(torque, self.temperatures, model, settings)
         return replace(seen, torque=torque, power=powers)
 
     def differs_in_supply(self, model: RobotModel) -> bool:
         """Return whether a model has but other drives and cabinet, which move no temperature.
 
-        One that is estimated follows the losses; a gear follows the meter if torque is unknown.
+        One that is estimated follows the losses, and a gear such a motor.
         """
         before, drives = self.model, {kind.key: None for kind in DRIVE_MODELS.values() if kind.key}
         if any(getattr(before, name) != getattr(model, name) for name in OF_MOTION) or any(
@@ -228,23 +225,20 @@ class Recording(Described):
         ):
             return False
         guessed = np.uint32(Quality.TEMPERATURE_ESTIMATED | Quality.TEMPERATURE_STUCK)
-        geared = [joint for joint in model.joints if joint.gear is not None]
-        measured = np.isfinite(self.torque.motor_torque_measured).any(axis=1).all()
-        follows = geared and not (measured and all(joint.thermal is None for joint in geared))
+        gears, networks = ([getattr(one, n) for one in model.joints] for n in ("gear", "thermal"))
+        follows = any(gears) and any(networks)
         return not (follows or (self.power.quality & guessed).any())
 
 
 def _powers(
     torque: TorqueBlock,
     temperatures: TemperatureBlock | None,
-    meter: MeterBlock | None,
     model: RobotModel,
     settings: Settings,
 ) -> PowerBlock:
     """The stages behind the torque, whose stamps rise."""
     friction = FrictionStage(model)
-    condition = ConditionLearner(model, settings)
-    power = PowerStage(model, settings, condition)
+    power = PowerStage(model, settings, ConditionLearner(model, settings))
     parts: list[PowerBlock | None] = []
     for first in range(0, len(torque), ROWS):
         rows = torque[slice(first, first + ROWS)]
@@ -254,8 +248,6 @@ def _powers(
             arrived = temperatures[_inside(temperatures.stamp_ns, since, until)]
             if len(arrived) and (found := friction.step(arrived)) is not None:
                 power.timeline.add(found)
-        if meter is not None and len(read := meter[_inside(meter.stamp_ns, since, until)]):
-            condition.measure(read)
         parts.append(power.step(rows))
     parts.append(power.flush())
     return PowerBlock.concatenate([without_deviation(part) for part in parts if part is not None])

@@ -13,7 +13,7 @@ from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.equations import viscous_velocity
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, Rows
-from robot_energy_identify.data.recordings import Recording
+from robot_energy_identify.data.recordings import LACKING, Recording
 from robot_energy_identify.data.thinned import few
 from robot_energy_identify.stats.cross_validation import averaged, contiguous_blocks, rms_of
 from robot_energy_identify.stats.regression import Method
@@ -146,7 +146,7 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
 
     Samples are averaged over 0.04 s, both sides of the equation alike, which changes
     nothing in it and makes ten times fewer of them; a span in which the axis stands or
-    turns back is left out.
+    turns back is left out. Temperatures that hardly any sample has do not count.
     """
     parts: list[FrictionData] = []
     block = 0
@@ -155,7 +155,10 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
         run = np.full(len(part), number)
         parts.append(replace(part, block=part.block + block, run=run))
         block += int(part.block[-1]) + 1 if len(part) else 0
-    return FrictionData.concatenate(parts)
+    data = FrictionData.concatenate(parts)
+    if np.isfinite(data.motor_temperature_degc).mean() > LACKING:
+        return data
+    return replace(data, motor_temperature_degc=np.full(len(data), np.nan))
 
 
 def _of_recording(recording: Recording, joint: int) -> FrictionData:

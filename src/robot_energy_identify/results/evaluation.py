@@ -196,7 +196,9 @@ class RecordingScore(Result):
     band_relative: Annotated[
         Number, "Half width of the 90 % band of energy, over it, by the figures of the model. [-]"
     ]
-    band_inside: Annotated[Number, "Share of readings within the band of power. [-]"]
+    band_inside: Annotated[
+        Number, "Share of readings within the band of power, by the figures of the model. [-]"
+    ]
     scores: Annotated[tuple[ModelScore, ...], "Of the model, of fixed friction if other, of zero."]
     problems: Annotated[Texts, "What makes the figures doubtful, one sentence each."]
     notes: Annotated[Texts, "What a reader should know, one sentence each."]

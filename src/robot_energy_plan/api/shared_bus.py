@@ -15,7 +15,7 @@ from robot_energy.model import RobotModel
 from robot_energy.physics.rigid_body import Robot
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ModelName, ReplaySetup, model_of
-from robot_energy.timeline.blocks import Float
+from robot_energy.timeline.blocks import Float, Learning
 from robot_energy_plan.motion.joint_trajectory import holds_trajectory
 from robot_energy_plan.motion.load_motion import BAG, load_motion
 from robot_energy_plan.options import SharedBusOptions
@@ -91,9 +91,15 @@ def shared_bus(
         kind = "recordings" if all(recorded) else "programs"
         raise MotionError(f"{unused[0].replace('_', ' ')} does not apply to {kind}", "leave it out")
     if all(recorded):
+        setup = ReplaySetup.of(options)
+        if setup.settings.learning is Learning.APPLY:
+            raise MotionError(
+                "learning is apply, so a meter corrects the constants and the fan of a robot",
+                "observe or off: on one bus they are those of the models",
+            )
         robots = [BusRobot(str(path), model) for path, model in zip(motions, used, strict=True)]
         for robot, path in zip(robots, motions, strict=True):
-            found = replay(path, robot.model, ReplaySetup.of(options), on_output=robot.take)
+            found = replay(path, robot.model, setup, on_output=robot.take)
             robot.problems += found.problems
             if not found.topics.temperatures:
                 robot.notes.append(f"no motor temperatures were recorded in {path}")

@@ -134,8 +134,8 @@ JOINT_POWERS = ("rigid_power", "friction_power", "drive_loss")
 JOINT_STATE = ("motor_temperature_degc", "motor_torque", "motor_velocity", "coulomb", "viscous")
 ENERGIES = (
     "predicted_import_energy", "predicted_return_energy", "predicted_energy_band",
-    "measured_energy", "predicted_energy_at_meter", "brake_energy", "loss_dc_energy",
-    "loss_grid_energy", "capacitor_energy",
+    "predicted_energy_learned", "measured_energy", "predicted_energy_at_meter", "brake_energy",
+    "loss_dc_energy", "loss_grid_energy", "capacitor_energy",
 )  # fmt: skip
 OUTLET = ("outlet_energy", "outlet_time")
 TIMES = ("observed_time", "gap_time", "comparison_time", "gap_count")

@@ -149,6 +149,7 @@ class RobotState:
             "stale": stale,
             "time": newest["stamp_ns"] * NANOSECOND,
             "phase": Phase.UNKNOWN.name if stale else Phase(newest["phase"]).name,
+            "corrected": Quality.LEARNED in Quality(newest["quality"]),
             **{name: None if stale else json_number(newest[name], 5) for name in POWERS},
             "live": self.rings["live"].table(2),
         }

@@ -10,7 +10,7 @@ import pytest
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.pieces import Compared
-from robot_energy_identify.check.meter_step import by_second, step_of
+from robot_energy_identify.check.meter_step import by_second, drift_of, step_of
 
 BEGIN = 10**9 * SECOND_NS
 RATE = 10
@@ -51,12 +51,20 @@ def test_a_load_that_begins_is_found_with_its_power_and_time(model: tuple[float,
 
 @pytest.mark.parametrize("factor", [1.3, 1e-3])
 def test_a_scale_that_changes_is_found(factor: float) -> None:
-    power = predicted()
-    changed = np.where(later(20, len(power)) > 0, factor, 1.0)
+    """As such: the same of another load would be 5 % less."""
+    power = predicted(16)
+    changed = np.where(later(8, len(power)) > 0, factor, 1.0)
     found = step_of(compared(power, power * changed), BEGIN)
     assert found is not None
-    assert found.evidence == pytest.approx((factor - 1.0) * power[200:].mean(), rel=0.2)
-    assert "from 20 s on" in found.sentence
+    assert found.evidence == pytest.approx((factor - 1.0) * power[80:].mean(), rel=0.02)
+    assert "from 8 s on" in found.sentence
+
+
+@pytest.mark.parametrize(("load", "noise"), [(60.0, 0.0), (300.0, 180.0)])  # sure; large
+def test_a_small_load_or_one_that_may_be_chance_is_no_step(load: float, noise: float) -> None:
+    power = predicted()
+    scatter = np.repeat(np.random.default_rng(1).normal(0.0, noise, 40), RATE)
+    assert step_of(compared(power, power + load * later(20, len(power)) + scatter), BEGIN) is None
 
 
 def test_a_load_that_switches_every_ten_seconds_is_found() -> None:
@@ -109,3 +117,19 @@ def test_seconds_of_a_cut_input_differ_by_rounding_alone() -> None:
     assert np.array_equal(again.stamp_ns, once.stamp_ns)
     assert np.array_equal(again.duration_ns, once.duration_ns)
     assert again.measured == pytest.approx(once.measured, rel=1e-12)
+
+
+def test_a_load_that_rises_slowly_is_no_step_but_a_drift() -> None:
+    power = predicted()
+    rising = power + 400.0 * np.linspace(-0.5, 0.5, len(power))
+    found = drift_of(compared(power, rising))
+    assert step_of(compared(power, rising), BEGIN) is None
+    assert found is not None
+    assert found.evidence == pytest.approx(0.25, abs=0.05)
+    assert "% more in the last quarter" in found.sentence
+    falling = drift_of(compared(power, rising[::-1].copy() * power / power[::-1]))
+    assert falling is not None
+    assert "% less in the last quarter" in falling.sentence
+    assert drift_of(compared(power, power)) is None
+    assert drift_of(compared(power, 1.3 * rising)) is None  # the model does not fit at all
+    assert drift_of(compared(power, np.where(later(30, len(power)) > 0, 0.0, power))) is None

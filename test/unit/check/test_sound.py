@@ -1,6 +1,7 @@
 """Sound recordings of foreign robots are not blamed; what is wrong with them is named."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.identify import identify_friction
-from robot_energy_identify.check import check, check_together
+from robot_energy_identify.check import check, check_together, torque
 from robot_energy_identify.check.evidence import MAX_SAMPLES, Windows
 from robot_energy_identify.check.torque import check_torque
 from robot_energy_identify.data.recordings import read_recording
@@ -210,3 +211,32 @@ def test_a_long_recording_is_kept_in_windows_that_are_spread_over_it():
     assert len(gap) > 3
     assert (np.diff(torque.segment)[gap] != 0).all()
     assert (np.diff(meter.stamp_ns) > 5e9).any()
+
+
+@pytest.mark.parametrize(
+    ("gain", "joints", "named"), [(12.1, 6, True), (11.9, 6, False), (99.0, 5, False)]
+)
+def test_another_robot_must_be_clearly_likelier_by_the_torque_of_the_same_joints(
+    monkeypatch, gain, joints, named
+):
+    """A joint whose torque a model does not give costs nothing."""
+    costs = {load("ur3e").robot.type: (100.0 - gain, joints), load("ur10e").robot.type: (200.0, 6)}
+
+    def fit(model):
+        cost, known = costs[model.robot.type]
+        return SimpleNamespace(
+            cost=cost, known=np.arange(6) < known, evidence=SimpleNamespace(model=model)
+        )
+
+    monkeypatch.setattr(torque, "TorqueFit", lambda evidence: fit(evidence.model))
+    monkeypatch.setattr(
+        torque,
+        "_as_model",
+        lambda _, model: SimpleNamespace(thinned=lambda: SimpleNamespace(model=model)),
+    )
+    monkeypatch.setattr(torque, "_not_mended", lambda *_: "")
+    model = load("ur5e")
+    evidence = SimpleNamespace(names=model.joint_names, model=model)
+    last = SimpleNamespace(cost=100.0, known=np.full(6, True))
+    found = torque._other_robot(evidence, last, [])
+    assert (found is not None and "ur3e" in found.sentence) is named

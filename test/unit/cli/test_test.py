@@ -21,6 +21,7 @@ from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.provenance import sha256_of
 from robot_energy_identify.results.evaluation import seen_in_fit
 from robot_energy_logs.log_import import import_log
+from warm_wheel import SPEED, wheel
 
 
 @pytest.fixture
@@ -109,6 +110,47 @@ def test_a_prediction_does_not_see_the_meter_that_judges_it():
     recording = read_recording(bag, fanned)
     found = read_recording(bag, model).with_model(fanned)
     np.testing.assert_array_equal(found.power.grid_power, recording.power.grid_power)
+
+
+def test_a_meter_that_reads_a_fifth_too_much_moves_no_gear_that_is_judged(tmp_path):
+    """With friction alone it is 86 W; all of the fifth is the error, unless learning is applied."""
+    joints = {
+        **WHEEL_MAPPING["joints"],
+        "temperature": {"column": "degc_{joint}", "unit": "celsius"},
+    }
+    model = wheel()
+
+    def judged(power, **options):
+        rows = [
+            (f"{n / 10:.6f}", f"{SPEED / 10 * n / 10:.9f}", SPEED / 10, 45.0 + 0.1 * (n % 2), power)
+            for n in range(3001)
+        ]
+        log = write_csv(tmp_path / "warm.csv", "t,q_axle,w_axle,degc_axle,p", rows)
+        bag = tmp_path / f"bag_{power:g}"
+        import_log(log, mapping(joints=joints), bag, overwrite=True)
+        recording = re.evaluate(bag, model, **options).recordings[0]
+        return recording, read_recording(bag, model).with_model(wheel(std=0.4)).power
+
+    right, power = judged(86.0)
+    wrong, same = judged(103.2)
+    energies = [one.scores[0].predicted_energy for one in (right, wrong)]
+    assert energies[0] == energies[1] == pytest.approx(86.1 * 300.0, rel=1e-3)
+    assert wrong.scores[0].energy_relative == pytest.approx(energies[0] / 300.0 / 103.2 - 1.0)
+    np.testing.assert_array_equal(power.grid_power, same.grid_power)
+    corrected, _ = judged(103.2, learning="apply")
+    assert corrected.scores[0].predicted_energy > energies[0]
+    (note,) = (note for note in corrected.notes if "corrected" in note)
+    assert "learning: apply" in note
+    assert not any("corrected" in note for note in wrong.notes)
+
+
+@pytest.mark.parametrize("gear", [False, True])
+def test_torque_that_has_corrected_a_gear_is_said_where_torque_is_judged(bag, gear):
+    notes = re.evaluate(bag, wheel(gear), effort="motor_torque").recordings[0].notes
+    assert any("torque has corrected" in note for note in notes) is gear
+    assert not any(
+        "corrected" in note for note in re.evaluate(bag, wheel(gear)).recordings[0].notes
+    )
 
 
 def test_a_longer_window_of_accelerations_is_named_where_it_lowers_the_error(tmp_path):

@@ -9,6 +9,7 @@ from robot_energy.condition.thermal_state import GEAR, ThermalState
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,
+    Learning,
     MeterBlock,
     MeterLocation,
     MeterMeaning,
@@ -122,24 +123,25 @@ def test_measured_torque_corrects_a_wrong_start():
     assert off[1][at] < 0.5 * off[0][at]
 
 
-def test_a_meter_corrects_where_no_torque_is_read():
-    truth = integrated(1200.0, WORKED, WORKED + 8.0)
-    block = turning(1200.0)
-    power = played(EnergyPipeline(wheel()), block, readings(1200, WORKED))
-    lost = (viscous(truth)[: len(block)] - power.viscous[:, 0]) * SPEED**2
-    stamp = block.stamp_ns[2::2]
-    meter = MeterBlock(
-        stamp,
-        (power.grid_power + lost)[2::2],
-        np.full(len(stamp), np.nan),
-        np.full(len(stamp), np.nan),
-        MeterMeaning.INSTANTANEOUS,
-        MeterLocation.GRID,
-    )
-    determined = played(EnergyPipeline(wheel()), block, readings(1200, WORKED), meter=meter)
-    true = viscous(truth)[: len(block)]
-    off = [abs(one.viscous[1200, 0] / true[1200] - 1.0) for one in (power, determined)]
-    assert off[1] < 0.7 * off[0]
+def _meter(stamp_ns, power):
+    unknown = np.full(len(stamp_ns), np.nan)
+    kind = MeterMeaning.INSTANTANEOUS, MeterLocation.GRID
+    return MeterBlock(stamp_ns, power, unknown, unknown, *kind)
+
+
+@pytest.mark.parametrize("learning", [Learning.OFF, Learning.OBSERVE])
+@pytest.mark.parametrize("cut", [None, 61])
+def test_a_prediction_has_not_seen_the_meter_that_it_is_compared_with(learning, cut):
+    """The meter reads a fifth too much, and the whole fifth is the error that is shown."""
+    block, degc = turning(1200.0), readings(1200, WORKED)
+    alone = played(EnergyPipeline(wheel(), Settings(learning=learning)), block, degc)
+    meter = _meter(alone.stamp_ns, 1.2 * alone.grid_power)
+    pipeline = EnergyPipeline(wheel(), Settings(learning=learning))
+    pipeline.account.measure(meter)
+    read = played(pipeline, block, degc, cut, meter)
+    for name in ("grid_power", "viscous", "quality"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(alone, name))
+    assert not (read.quality & np.uint32(Quality.LEARNED)).any()
 
 
 @pytest.mark.long
@@ -216,7 +218,7 @@ def test_before_a_gear_has_begun_its_unknown_temperature_is_in_the_deviation():
     assert apart == pytest.approx(spread * viscous(MOTOR) * SPEED**2, rel=0.03)
 
 
-def _shoulder(seconds, gear, motor=WORKED, torque=None, meter=None, factor=1.0, read=None):
+def _shoulder(seconds, gear, motor=WORKED, torque=None, factor=1.0, read=None):
     """Power of an arm whose shoulder turns and has no gear, but its elbow may have one."""
     data = robots.two_link_data()
     for figure in ("a", "b"):
@@ -235,7 +237,7 @@ def _shoulder(seconds, gear, motor=WORKED, torque=None, meter=None, factor=1.0, 
     at = np.arange(100, 100 + (read or seconds))
     degc = TemperatureBlock(at * S, np.tile(motor + 0.1 * (at % 2), (2, 1)).T)  # is not stuck
     effort = EffortMeaning.NONE if torque is None else EffortMeaning.MOTOR_TORQUE
-    return played(EnergyPipeline(model, Settings(effort=effort)), block, degc, meter=meter)
+    return played(EnergyPipeline(model, Settings(effort=effort)), block, degc)
 
 
 def _shoulder_law(degc):
@@ -265,20 +267,13 @@ def test_a_cold_joint_whose_gear_no_recording_shows_is_as_warm_as_its_motor():
     assert 0.0 < cold < 0.4 * warm
 
 
-@pytest.mark.parametrize("meter", [False, True])
-def test_torque_or_a_meter_corrects_a_joint_whose_gear_no_recording_shows(meter):
+def test_torque_corrects_a_joint_whose_gear_no_recording_shows():
     """The oil of the shoulder is 8 K warmer than its motor, and stays so."""
-    factor = 50.0  # much friction, so that a meter sees it
+    factor = 50.0  # much friction
     blind = _shoulder(1200, True, factor=factor)
     true = factor * _shoulder_law(WORKED + 8.0)
     less = true - factor * _shoulder_law(WORKED)
     given = {"torque": blind.motor_torque + np.array([less * 100.0, 0.0])}
-    if meter:
-        stamp = blind.stamp_ns[2::2]
-        unknown = np.full(len(stamp), np.nan)
-        seen = (blind.grid_power + less * 100.0**2)[2::2]
-        kind = MeterMeaning.INSTANTANEOUS, MeterLocation.GRID
-        given = {"meter": MeterBlock(stamp, seen, unknown, unknown, *kind)}
     corrected = _shoulder(1200, True, factor=factor, **given)
     assert 0.0 < corrected.viscous[1200, 0] - true < -0.5 * less  # after ten minutes
     assert _spread(corrected)[1200] < 0.8 * _spread(blind)[1200]

@@ -141,3 +141,5 @@ def test_what_does_not_fit_is_refused():
         re.shared_bus([COLD, WARM], "kr16", cycle_time=5.0)
     with pytest.raises(MotionError, match="3 models for 2"):
         re.shared_bus([COLD, WARM], ["kr16"] * 3)
+    with pytest.raises(MotionError, match="on one bus they are those of the models"):
+        re.shared_bus([COLD, WARM], "kr16", same_start=True, learning="apply")

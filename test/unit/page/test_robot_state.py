@@ -38,6 +38,15 @@ def test_powers_are_those_of_the_newest_message(state):
     assert state.snapshot(5.1)["flow"]["net"] * state.snapshot(5.1)["flow"]["unit"] == 200.0
 
 
+@pytest.mark.parametrize("bits", [Quality.OK, Quality.LEARNED])
+def test_power_and_registers_say_whether_learned_figures_corrected_them(state, bits):
+    state.take_power(power_states([1.0], [100.0], quality=np.uint32(bits)), 5.0)
+    state.take_registers(registers(7200.0, predicted_energy_learned=30.0 * bits))
+    assert state.power(5.1)["corrected"] is bool(bits)
+    assert state.snapshot(5.1)["registers"]["predicted_energy_learned"] == 30.0 * bits
+    assert state.snapshot(5.1)["alarms"] == []
+
+
 def test_what_is_stale_is_not_shown_as_a_figure(state):
     state.take_power(power_states([1.0], [100.0]), 5.0)
     state.take_registers(registers(7200.0))

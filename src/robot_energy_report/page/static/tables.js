@@ -2,10 +2,12 @@
 import { byId, clock, duration, element, energy, energyParts, fillRows, known, number, percent, setText, signedPercent, watts, wh, DASH } from "./format.js";
 
 const PHASES = { UNKNOWN: "unknown", HOLD: "hold", MOTION: "motion", GENERATING: "generating" };
+const CORRECTED = ", corrected by learned figures";
 const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", ESTIMATED: "estimated", UNKNOWN: DASH };
 const REGISTERS = [
   ["predicted_import_energy", "from the grid, predicted"],
   ["predicted_return_energy", "back to the grid, predicted"],
+  ["predicted_energy_learned", "of it with learned figures"],
   ["predicted_energy_band", "90 % band of the net energy, ±"],
   ["measured_energy", "at the meter, measured"],
   ["predicted_energy_at_meter", "at the meter, predicted"],
@@ -34,7 +36,7 @@ export function showPower(power) {
   const shown = pair ? power.predicted_power_at_meter : power.predicted_grid_power;
   big("power", known(shown) ? number(shown) : DASH, "W");
   setText(byId("power-note"), power.stale ? "stale: no power state arrives"
-    : pair ? `predicted at the meter${sure}; measured ${watts(power.measured_power)}` : `predicted${sure}; no meter`);
+    : pair ? `predicted at the meter${sure}${power.corrected ? CORRECTED : ""}; measured ${watts(power.measured_power)}` : `predicted${sure}; no meter`);
   byId("power").dataset.time = power.time ?? "";
 }
 
@@ -55,7 +57,8 @@ export function showHeadline(robot) {
   const start = registers ? `predicted${sure}, since ${clock(registers.energy_start, true)}` : "no register yet";
   const atMeter = registers?.predicted_energy_at_meter; // not known in the first seconds
   const error = known(atMeter) ? atMeter / registers.measured_energy - 1 : null;
-  setText(byId("energy-note"), known(error) ? `${start}; ${signedPercent(error)} against the meter` : start);
+  const corrected = registers?.predicted_energy_learned > 0 ? CORRECTED : "";
+  setText(byId("energy-note"), known(error) ? `${start}; ${signedPercent(error)} against the meter${corrected}` : start);
   const job = headline.job;
   big("job", ...energyParts(job?.energy));
   setText(byId("job-note"), job ? `${job.name}; mean of ${job.count}: ${energy(job.mean)}` : "no closed job interval");
@@ -94,7 +97,7 @@ export function showTables(robot) {
   byId("registers").dataset.time = registers?.time ?? "";
   const early = known(registers?.measured_energy) && !known(registers.predicted_energy_at_meter);
   setText(byId("registers-note"), registers
-    ? `As of ${clock(registers.time, true)}; ${registers.persisted ? "on disk" : "in memory only"}.${early ? " Too little was compared to set the prediction against a meter that lags." : ""}` : "No register has arrived.");
+    ? `As of ${clock(registers.time, true)}; ${registers.persisted ? "on disk" : "in memory only"}.${early ? " The time compared is still too short for a meter that lags." : ""}` : "No register has arrived.");
   fillRows(byId("shaft"), (registers?.joints ?? []).map((joint) => [
     joint.name, n(wh(joint.rigid_energy), joint.rigid_energy), n(wh(joint.friction_energy), joint.friction_energy),
     n(wh(joint.drive_loss_energy), joint.drive_loss_energy),

@@ -9,7 +9,7 @@ from places import ROOT
 from robot_energy.model import load
 from robot_energy.model.drive_models import LossDrive
 from robot_energy.model.figure import PositiveFigure
-from robot_energy.model.joint import JointGear
+from robot_energy.model.joint import JointGear, JointThermal
 from robot_energy.pipeline import Output, Settings
 from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
@@ -90,17 +90,24 @@ def test_another_model_sees_a_recording_as_if_the_bag_were_read_again():
     np.testing.assert_array_equal(found.compared[0].drawn, expected.compared[0].drawn)
 
 
-def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are():
-    figures = {"constant": 3.0, "copper": 0.7, "linear": 0.02, "quadratic": 1e-4}
-    losses = LossDrive(
-        **{name: PositiveFigure(value=value, tag="assumed") for name, value in figures.items()}
-    )
-    joints = [joint.model_copy(update={"losses": losses}) for joint in MODEL.joints]
+def figures_of(**figures):
+    return {key: PositiveFigure(value=value, tag="assumed") for key, value in figures.items()}
+
+
+def geared():
+    gear = JointGear(**figures_of(capacity=4000.0, motor_conductance=3.0, ambient_conductance=3.0))
+    return MODEL.changed(joints=[joint.model_copy(update={"gear": gear}) for joint in MODEL.joints])
+
+
+@pytest.mark.parametrize(("model", "effort"), [(MODEL, TORQUE), (geared(), EffortMeaning.NONE)])
+def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are(model, effort):
+    losses = LossDrive(**figures_of(constant=3.0, copper=0.7, linear=0.02, quadratic=1e-4))
+    joints = [joint.model_copy(update={"losses": losses}) for joint in model.joints]
     loss = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
     cabinet = MODEL.cabinet.model_copy(update={"loss_dc": loss})
-    other = MODEL.changed(joints=joints, cabinet=cabinet, drive="loss_model")
-    recording = read_recording(BAG, MODEL, TORQUE)
-    found, expected = recording.with_model(other), read_recording(BAG, other, TORQUE)
+    other = model.changed(joints=joints, cabinet=cabinet, drive="loss_model")
+    recording = read_recording(BAG, model, effort)
+    found, expected = recording.with_model(other), read_recording(BAG, other, effort)
     assert found.power.friction_power is recording.power.friction_power
     assert not np.array_equal(found.power.grid_power, recording.power.grid_power)
     for one in fields(expected.power):
@@ -113,12 +120,8 @@ def test_other_drives_and_another_cabinet_leave_torque_and_friction_as_they_are(
         )
 
 
-def test_temperatures_that_follow_losses_or_the_meter_are_computed_again():
+def test_temperatures_that_follow_losses_are_computed_again():
     cold = MODEL.cabinet.loss_dc.model_copy(update={"value": 80.0})
-    figures = {"capacity": 4000.0, "motor_conductance": 3.0, "ambient_conductance": 3.0}
-    gear = JointGear(
-        **{name: PositiveFigure(value=value, tag="assumed") for name, value in figures.items()}
-    )
 
     def cabinet(model):
         return model.changed(cabinet=model.cabinet.model_copy(update={"loss_dc": cold}))
@@ -128,13 +131,13 @@ def test_temperatures_that_follow_losses_or_the_meter_are_computed_again():
     power = recording.power
     guessed = replace(power, quality=power.quality | np.uint32(Quality.TEMPERATURE_ESTIMATED))
     assert not replace(recording, power=guessed).differs_in_supply(cabinet(MODEL))
-    joints = [joint.model_copy(update={"gear": gear}) for joint in MODEL.joints]
-    geared = MODEL.changed(joints=joints)
-    assert not recording.differs_in_supply(geared)
-    assert replace(recording, model=geared).differs_in_supply(cabinet(geared))
-    blind = np.full_like(recording.torque.motor_torque_measured, np.nan)
-    unread = replace(recording.torque, motor_torque_measured=blind)
-    assert not replace(recording, model=geared, torque=unread).differs_in_supply(cabinet(geared))
+    gears = geared()
+    assert not recording.differs_in_supply(gears)
+    assert replace(recording, model=gears).differs_in_supply(cabinet(gears))
+    network = JointThermal(**figures_of(capacity=4000.0, conductance=6.0))
+    joints = [joint.model_copy(update={"thermal": network}) for joint in gears.joints]
+    estimated = gears.changed(joints=joints)
+    assert not replace(recording, model=estimated).differs_in_supply(cabinet(estimated))
 
 
 def test_a_kept_bag_goes_back_to_any_model():

@@ -33,7 +33,7 @@ from robot_energy_identify.friction.torque_constants import (
 )
 from robot_energy_identify.friction_and_thermal import find_friction
 from robot_energy_identify.run_all import FullIdentification
-from robot_energy_identify.stats.held_out_energy import held_out_energy
+from robot_energy_identify.stats.held_out_energy import _shaft, held_out_energy
 from robot_energy_identify.stats.systematic import TORQUE
 from robot_energy_identify.steps import Step
 from robots import figure
@@ -214,6 +214,13 @@ def test_a_loss_map_has_knots_of_that_current():
     )
     np.testing.assert_allclose(warm.motor_torque, 2.0 * np.array(cold.motor_torque), rtol=1e-4)
     np.testing.assert_allclose(warm.loss, cold.loss, atol=1e-3)
+
+
+def test_shaft_energy_is_that_between_samples():
+    """Of half a second at 40 rad/s, from 1 N m to -1 N m: given and taken back."""
+    found = recording_of(wheel(), 120.0)
+    turned = (-1.0) ** np.arange(len(found.torque))[:, None]
+    assert _shaft(found, turned, EVER) == pytest.approx((0.0, 20.0))
 
 
 def test_held_out_torque_is_compared_at_the_shaft():

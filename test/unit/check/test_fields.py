@@ -1,0 +1,172 @@
+"""Fields that are not of one instant, stand still or have no sign are named."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mistakes import Change, rewrite, scaled
+from places import ROOT
+from refusals import refused
+from robot_energy.foundation.errors import ImplausibleIdentificationError
+from robot_energy.model import load
+from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
+from robot_energy_identify.check import check
+from robot_energy_identify.check.finding import PARAMETERS
+from robot_energy_identify.check.lateness import lateness
+from robot_energy_identify.check.meter import readings_once
+from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.refused_recordings import on_one_clock, refuse_motion
+from sound_recordings import read_with
+
+SOUND = ROOT / "bags/kr16_cold"
+SECONDS, RATE = 20.0, 250
+MODEL, MOTOR_TORQUE = load("kr16"), EffortMeaning.MOTOR_TORQUE
+JOINT = 1
+POSITIONS = "velocity_source: positions"
+
+
+def late(field: str, seconds: float) -> Change:
+    seen: list[Any] = []
+
+    def change(message: Any) -> None:
+        seen.append(getattr(message, field).copy())
+        setattr(message, field, seen[max(0, len(seen) - 1 - round(seconds * RATE))])
+
+    return change
+
+
+def filtered(field: str, seconds: float) -> Change:
+    state: list[Any] = []
+
+    def change(message: Any) -> None:
+        values = getattr(message, field)
+        before = state[-1] if state else values
+        state[:] = [before + (values - before) / (1.0 + seconds * RATE)]
+        setattr(message, field, state[0].copy())
+
+    return change
+
+
+def held(field: str, begin: float, end: float) -> Change:
+    seen: list[float] = []
+
+    def change(message: Any) -> None:
+        values = getattr(message, field).copy()
+        seen.append(float(values[JOINT]))
+        if begin * RATE < len(seen) < end * RATE:
+            values[JOINT] = seen[round(begin * RATE)]
+            setattr(message, field, values)
+
+    return change
+
+
+def unsigned(message: Any) -> None:
+    message.effort = np.abs(message.effort)
+
+
+CASES = {
+    "velocities filtered": ("velocity_late", filtered("velocity", 0.05), POSITIONS),
+    "velocity held": ("velocity_apart", held("velocity", 5.0, 12.0), POSITIONS),
+    "position held": ("position_held", held("position", 5.0, 12.0), "leave this recording out"),
+    "effort late": ("effort_late", late("effort", 0.2), "of one instant"),
+    "effort held": ("effort_held", held("effort", 5.0, 12.0), "leave this recording out"),
+    "effort without a sign": ("effort_unsigned", unsigned, "with its sign"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_field_that_is_off_is_named_alone_and_refused(name, tmp_path):
+    cause, change, remedy = CASES[name]
+    bag = rewrite(SOUND, tmp_path / "bag", change, None, SECONDS)
+    (found,) = check(bag, MODEL, MOTOR_TORQUE).errors
+    assert found.cause == cause
+    assert remedy in found.remedy
+    if found.remedy_in == PARAMETERS:
+        mended = check(bag, MODEL, MOTOR_TORQUE, read_with(found.remedy, tmp_path / "x.yaml"))
+        assert not mended.errors
+    with refused(ImplausibleIdentificationError, found=found.sentence, remedy=remedy[1:]):
+        refuse_motion(read_recording(bag, MODEL, MOTOR_TORQUE), MOTOR_TORQUE)
+
+
+@pytest.mark.parametrize("field", ["effort", "velocity"])
+def test_a_little_late_is_as_drivers_are(field, tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", late(field, 0.016), None, SECONDS)
+    assert refuse_motion(read_recording(bag, MODEL, MOTOR_TORQUE), MOTOR_TORQUE) == ()
+
+
+def test_an_effort_of_0_throughout_is_that_of_a_joint_without_one(tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", scaled(("effort",), 0.0, [JOINT]), None, SECONDS)
+    assert refuse_motion(read_recording(bag, MODEL, MOTOR_TORQUE), MOTOR_TORQUE) == ()
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.3, -0.3])
+def test_lateness_counts_neither_sign_nor_scale_nor_what_does_not_move(lag):
+    time = np.arange(3000) * 0.01
+    moves = np.sin(time) + np.sin(2.7 * time)
+    still = np.random.default_rng(0).normal(size=len(time))
+    joints = [(moves[:, None], -5.0 * np.interp(time - lag, time, moves)), (still[:, None], still)]
+    noise = np.random.default_rng(1).normal(size=len(time))
+    joints.append((noise[:, None], np.zeros(len(time))))
+    assert lateness(time, joints[:1] + joints[2:], 0.05) == pytest.approx(lag, abs=0.02)
+    assert lateness(time[:500], [(one[:500], two[:500]) for one, two in joints], 0.05) == 0.0
+    assert lateness(time, joints[:1], 0.5) == 0.0
+
+
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_readings_that_are_repeated_count_once(times, tmp_path):
+    seen: list[float] = []
+
+    def repeated(message: Any) -> None:
+        seen.append(message.power)
+        message.power = seen[(len(seen) - 1) // times * times]
+
+    bag = rewrite(SOUND, tmp_path / "bag", None, repeated)
+    (part,), notes = on_one_clock([read_recording(bag, MODEL, EffortMeaning.NONE)])
+    found = [one.sentence for one in check(bag, MODEL).findings if one.cause == "meter_held"]
+    assert part.meter is not None
+    if times == 1:
+        assert not found
+        assert not notes
+        assert len(part.meter) == len(seen)
+        return
+    assert f"every 0.1 s, but change every {times / 10} s" in found[0]
+    assert notes[0].startswith(f"bag: {found[0]}, so each counted once")
+    assert part.meter.power == pytest.approx(seen[times::times], rel=1e-12)
+    assert part.meter.interval == pytest.approx(np.full(len(part.meter), times / 10))
+    assert part.compared[0].measured.sum() == pytest.approx(
+        np.sum(part.meter.power) * times / 10, rel=0.05
+    )
+
+
+@pytest.mark.parametrize(("offset", "factor"), [(1e6, 1.0), (0.0, 1.0 / 3600.0)])
+def test_a_counter_that_jumps_has_no_other_unit_and_no_other_sign(offset, factor, tmp_path):
+    """By 1 MJ, or from J to Wh: what its decoder leaves out is no power."""
+    total: list[float] = [0.0]
+
+    def counted(message: Any) -> None:
+        total.append(total[-1] + message.power * message.interval)
+        message.meaning, message.power, message.interval = 3, np.nan, np.nan
+        message.energy = total[-1] if len(total) < 150 else factor * total[-1] + offset
+
+    bag = rewrite(SOUND, tmp_path / "bag", None, counted)
+    found = {one.cause for one in check(bag, MODEL).findings}
+    assert not found & {"meter_sign", "meter_unit", "meter_exceeds"}
+
+
+def test_each_reading_counts_once_where_a_table_repeats_it_12_or_13_times():
+    """And a value that the meter itself gives twice counts twice."""
+    runs = np.tile([12, 13, 12], 20)
+    runs[30] = 25
+    values = np.arange(len(runs)) % 7 + 100.0
+    power = np.repeat(values, runs)
+    stamp = np.arange(len(power)) * 8_000_000
+    interval, none = np.full(len(power), 0.1), np.full(len(power), np.nan)
+    place = MeterMeaning.MEAN_OVER_INTERVAL, MeterLocation.GRID
+    once, said = readings_once(MeterBlock(stamp, power, none, interval, *place))
+    assert "every 0.008 s, but change every 0.096 s" in said
+    assert once.power.tolist() == np.insert(values, 30, values[30])[1:].tolist()
+    assert once.interval.min() > 0.095
+    assert once.interval.max() < 0.105
