@@ -58,6 +58,16 @@ def test_positions_alone_have_the_longer_window(first):
     assert out.joint_acceleration[20:-20].std() == pytest.approx(expected, rel=0.02)
 
 
+def test_two_velocities_around_a_sample_are_too_few_for_a_slope():
+    """They are wrong by 100 rad/s; the slope in the middle is that of the positions."""
+    stamp = np.rint((100.0 + 0.002 * np.arange(101)) * 1e9) * 1e-9
+    position, velocity, acceleration = cubic(stamp)
+    known = np.full_like(velocity, np.nan)
+    known[[49, 51]] = velocity[[49, 51]] + [[100.0], [-100.0]]
+    out = differentiate(robots.joint_block(stamp, position, known))
+    np.testing.assert_allclose(out.joint_acceleration[50], acceleration[50], atol=1e-3)
+
+
 @pytest.mark.parametrize("every", [2, 4, 20])
 def test_a_missing_velocity_leaves_the_slope_of_its_neighbours(every):
     """Positions that say nothing: neither velocity nor acceleration may come from them."""
