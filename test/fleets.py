@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
+import fleet_study
 import polars as pl
 import pytest
 from fleet_study import fleet_tables
@@ -31,14 +32,16 @@ def _fleet(robots, faults, days, cycles) -> FleetTables:
 def short_bags(days, cycles=3):
     """Bags of so many cycles while this lasts, on so many days of a week; rarely sampled.
 
-    Temperatures are held for ten seconds: at night the rig would take one step for two samples.
+    Each is made and read in one step, with a short pause at its end. Temperatures are held for ten seconds: at night the rig would take one step for two samples.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generated_fleet, "CYCLES", cycles)
         patch.setattr(generated_fleet, "WORKDAYS", days)
         patch.setattr(generated_fleet, "RATE", 25.0)
+        patch.setattr(generated_fleet, "MAX_PAUSE", 20.0)
         patch.setattr(generated_fleet, "NIGHT_RATE", 1.0)
         patch.setattr(virtual_rig, "BLOCK", 10.0)
+        patch.setattr(fleet_study, "STEP", 3600.0)
         yield
 
 

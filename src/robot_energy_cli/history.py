@@ -254,6 +254,7 @@ def _repair(args: Namespace) -> int:
 
 def _tariff(args: Namespace) -> int:
     from robot_energy_history.tariffs import add_tariffs, load_tariffs, stored_tariffs
+    from robot_energy_report.formats import counted
 
     folder = _folder(args)
     if args.add:
@@ -264,7 +265,7 @@ def _tariff(args: Namespace) -> int:
         price = "no price" if one.price_per_kwh is None else f"{one.price_per_kwh:g} {one.currency}"
         console().print(
             f"from {one.begin} ({begin:%F %R} UTC), {one.timezone}: {price} per kWh, "
-            f"{len(one.time_of_use)} times of use, "
+            f"{counted(len(one.time_of_use), 'time of use', 'times of use')}, "
             + (f"shifts from {', '.join(one.shifts)}, " if one.shifts else "")
             + ("no CO2 factor" if one.co2_kg_per_kwh is None else f"{one.co2_kg_per_kwh:g} kg/kWh")
         )

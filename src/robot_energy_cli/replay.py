@@ -85,7 +85,6 @@ def _run(args: Namespace) -> int:
     from robot_energy.foundation.files.placement import all_or_none
     from robot_energy.replay.api import fixed_friction
     from robot_energy.results.replay import replay_report
-    from robot_energy_report.page.settings import load_settings
     from robot_energy_report.replay import ReplayCurves
     from robot_energy_report.replay_figures import TemperatureHistory, curves_of
 
@@ -98,11 +97,15 @@ def _run(args: Namespace) -> int:
     if args.port is not None and not args.serve:
         raise PageError("--port was given without --serve", "--serve --port N")
     model, change = model_given(args)
-    settings = load_settings(args.page_settings or "")
+    settings = None
+    if args.page_settings is not None or args.serve:
+        from robot_energy_report.page.settings import load_settings
+
+        settings = load_settings(args.page_settings or "")
     written = {"out": args.out, "overwrite": args.overwrite}
     temperatures = TemperatureHistory(model.joint_names)
     take, page = [temperatures.take], None
-    if args.serve:
+    if settings is not None and args.serve:
         from robot_energy_report.page.recording import RecordedPage
 
         page = RecordedPage(Path(args.bag).name, model, settings)

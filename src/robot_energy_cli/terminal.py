@@ -151,7 +151,6 @@ def present(
     """Write JSON and page where they were asked for, put all in place, and print."""
     from robot_energy.model import save
     from robot_energy_report.document import document_of
-    from robot_energy_report.html import write_page
     from robot_energy_report.printing import print_document
 
     page = document_of(result, title, lead, **words)
@@ -164,6 +163,8 @@ def present(
         if files["out"] is not None and model is not None:
             save(model, files["out"])
         if files["report"] is not None:
+            from robot_energy_report.html import write_page
+
             sign(args, page)
             write_page(page, files["report"])
     place_all()

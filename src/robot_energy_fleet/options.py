@@ -41,7 +41,7 @@ class FleetOptions(ReadOptions, total=False):
 
 @documented
 class AdviseOptions(ReplayOptions, total=False):
-    """What a saving is reckoned from, and how bags are read; all may be left out."""
+    """What a saving is computed from, and how bags are read; all may be left out."""
 
     rest_states: Annotated["str | Path | Sequence[RestState] | None", Option(
         "power of standby and hibernation of this robot (default: assumed figures)",

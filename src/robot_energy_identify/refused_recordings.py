@@ -34,7 +34,7 @@ from robot_energy_identify.check.evidence import (
 )
 from robot_energy_identify.check.finding import ERROR, NOTE, Finding
 from robot_energy_identify.check.meter import check_meter, lag_of, readings_once
-from robot_energy_identify.check.meter_step import step_of
+from robot_energy_identify.check.meter_step import drift_of, step_of
 from robot_energy_identify.check.motion import STAMPS_UNEVEN, check_motion
 from robot_energy_identify.check.torque import UNEXPLAINED, check_torque
 from robot_energy_identify.data.recordings import Recording, spread, undone
@@ -255,9 +255,9 @@ def _spoils(finding: Finding) -> bool:
 
 
 def stepping_meters(recordings: Iterable[Recording]) -> tuple[str, ...]:
-    """Return the recordings whose meter steps where their model does not, one sentence each."""
+    """Return those whose meter steps or drifts where their model does not, one sentence each."""
     found = (
-        (part.path.name, step_of(compared, part.span_ns[0]))
+        (part.path.name, step_of(compared, part.span_ns[0]) or drift_of(compared))
         for part in recordings
         for compared in part.compared
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from robot_energy.foundation.units import JOULE_PER_KWH
 from robot_energy.results.replay import ReplayReport
@@ -16,7 +17,9 @@ from robot_energy_report.formats import (
     signed_percent,
     watt_hours,
 )
-from robot_energy_report.page.settings import PageSettings
+
+if TYPE_CHECKING:
+    from robot_energy_report.page.settings import PageSettings
 
 AGREES = 5e-4  # of the energy; less is 0.0 % as it is shown [-]
 LOCATION_NAMES = {"grid": "the grid", "dc_bus": "the DC bus"}
@@ -76,7 +79,7 @@ def beyond_constant(report: ReplayReport) -> str:
     )
 
 
-def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
+def tiles(reports: Sequence[ReplayReport], settings: PageSettings | None) -> Tiles:
     """Return the figures that matter most, over all recordings."""
     net, observed = sum(one.energy.net for one in reports), observed_time(reports)
     scale = scale_of([one.energy for one in reports])
@@ -109,6 +112,8 @@ def tiles(reports: Sequence[ReplayReport], settings: PageSettings) -> Tiles:
         found.append(
             ("Into friction", percent(friction / net), f"{scale.text(friction)} of all joints")
         )
+    if settings is None:
+        return Tiles(found)
     used = [one.energy.grid_import / JOULE_PER_KWH for one in reports]
     spans = [(one.time.start_ns or 0, one.time.span_ns) for one in reports]
     prices = [settings.mean_price(start_ns, start_ns + span_ns) for start_ns, span_ns in spans]

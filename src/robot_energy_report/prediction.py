@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from robot_energy.results.energy import EnergyBreakdown
 from robot_energy_plan.prediction import START_NS, Prediction
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
-from robot_energy_report.canvas import PART_COLOURS, SERIES, Axes, Target, canvas, named_ticks
+from robot_energy_report.canvas import SERIES, Axes, Target, canvas
 from robot_energy_report.document import Column, Document
 from robot_energy_report.energy import (
     EnergySections,
@@ -20,6 +17,7 @@ from robot_energy_report.energy import (
     scale_of,
     sum_of_known,
 )
+from robot_energy_report.energy_bars import energy_bars
 from robot_energy_report.formats import (
     energy_text,
     fixed,
@@ -30,23 +28,9 @@ from robot_energy_report.formats import (
 )
 from robot_energy_report.replay_figures import MAX_TIME_IN_SECONDS, MINUTE
 
-PARTS = {  # name, parts of the energy, and its colour
-    "lifting, accelerating (net)": (("rigid",), "motion"),
-    "friction": (("friction",), "friction"),
-    "drive losses": (("drive_loss",), "drives"),
-    "constant losses": (("loss_dc", "loss_grid"), "cabinet"),
-    "brake, capacitor": (("brake", "capacitor"), "brake"),
-}
-BAR = 0.45  # inch per run
 LETTERS = 78  # of a legend side by side
 DASHES = ("-", "--", ":", "-.")  # when the colours begin again
 THIN = 0.9  # line width where curves lie over each other
-
-
-def energy_bars(energies: Sequence[EnergyBreakdown], labels: Sequence[str], path: Target) -> None:
-    """Draw where the energy of each run goes."""
-    with canvas(path, (8.0, 1.1 + BAR * len(energies))) as figure:
-        _bars(figure.subplots(), energies, labels)
 
 
 def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Target) -> None:
@@ -54,35 +38,6 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
     high = 3.2 + 0.12 * len(results)
     with canvas(path, (8.0, high)) as figure:
         _curves(figure.subplots(), results, labels)
-
-
-def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
-    scale, count = scale_of(energies), len(energies)
-    place = np.arange(count)[::-1]
-    right, left = np.zeros(count), np.zeros(count)
-    for name, (keys, kind) in PARTS.items():
-        width = np.array([sum(getattr(one, key) or 0.0 for key in keys) for one in energies])
-        width = width / scale.factor
-        if not width.any():
-            continue
-        start = np.where(width >= 0, right, left)
-        axes.barh(place, width, 0.6, left=start, color=PART_COLOURS[kind], label=name)
-        right += np.maximum(width, 0.0)
-        left += np.minimum(width, 0.0)
-    for row, energy in zip(place.tolist(), energies, strict=True):
-        axes.annotate(
-            f"{scale.joule(energy.net)} {scale.unit}",
-            (max(right[count - 1 - row], 0.0), row),
-            xytext=(4, 0),
-            textcoords="offset points",
-            va="center",
-        )
-    named_ticks(axes.yaxis, place, labels)
-    axes.grid(visible=False, axis="y")
-    axes.margins(x=0.14)
-    axes.set_xlim(left=min(float(left.min()) * 1.05, 0.0))
-    axes.set_xlabel(f"energy [{scale.unit}]")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=len(PARTS))
 
 
 def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) -> None:

@@ -16,6 +16,7 @@ from robot_energy.timeline.blocks import Float
 from robot_energy_report.canvas import MAX_TICK, SERIES, Axes, Target, canvas
 from robot_energy_report.document import Column, Document
 from robot_energy_report.energy import add_flow, scale_of, sum_of_known
+from robot_energy_report.energy_bars import energy_bars
 from robot_energy_report.formats import (
     EnergyFormat,
     counted,
@@ -28,7 +29,6 @@ from robot_energy_report.formats import (
 from robot_energy_report.headline import error_of, observed_time, tiles
 from robot_energy_report.jobs import job_kinds, kind_table, mean_energy
 from robot_energy_report.page.settings import PageSettings
-from robot_energy_report.prediction import energy_bars
 from robot_energy_report.repeats import given_once, overlaps
 from robot_energy_report.replay import FIRST, ReplayCurves, replay_document
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from robot_energy.results.replay import JointShaft, ReplayReport, ShaftComparison
 from robot_energy.timeline.blocks import NANOSECOND
@@ -15,6 +16,7 @@ from robot_energy_report.energy import (
     flow_labels,
     scale_of,
 )
+from robot_energy_report.energy_bars import energy_bars
 from robot_energy_report.formats import (
     EnergyFormat,
     counted,
@@ -28,14 +30,15 @@ from robot_energy_report.formats import (
 )
 from robot_energy_report.headline import beyond_constant, headline, place_of, tiles, verdict
 from robot_energy_report.jobs import job_section, summary_section
-from robot_energy_report.page.settings import PageSettings
-from robot_energy_report.prediction import energy_bars
 from robot_energy_report.replay_figures import (
     Series,
     TemperatureHistory,
     power_and_energy,
     temperature_and_friction,
 )
+
+if TYPE_CHECKING:
+    from robot_energy_report.page.settings import PageSettings
 
 INPUT_NAMES = {
     "joint_state_messages": "joint states",
@@ -97,7 +100,7 @@ def replay_document(
     for title, write in SECTIONS.items():
         before = len(page.parts)
         if title == FIRST:
-            page.add(tiles([report], settings or PageSettings()))
+            page.add(tiles([report], settings))
         write(page, report, curves)
         if len(page.parts) > before:
             heading = Text(title, HEADINGS[depth])

@@ -129,7 +129,7 @@ def test_the_table_is_the_registers(opened, recording):
         (3_300.0, 1.0, "; -8.3 % against the meter, corrected by learned figures"),
     ],
 )
-def test_an_error_is_shown_where_the_prediction_at_the_meter_is_known_and_says_what_corrected_it(
+def test_no_error_is_shown_while_the_prediction_at_the_meter_is_not_known(
     window, tmp_path, at_meter, learned, shown
 ):
     hub = PageHub("", PageSettings(), live=False)

@@ -187,7 +187,7 @@ MODULES = {
         optimization prediction shared_bus
     """,
     "robot_energy_report": """
-        canvas document drives dynamics energy evaluation formats headline held_out
+        canvas document drives dynamics energy energy_bars evaluation formats headline held_out
         history_month history_tables html identification identify_all jobs layouts
         model notebook optimization prediction printing recordings repeats replay
         replay_figures
@@ -449,9 +449,9 @@ def test_nothing_online_imports_what_only_reports_need():
     assert not found & {"matplotlib", "scipy", "rich", "clarabel", "polars", *OFFLINE}
 
 
-def test_a_replay_with_its_report_loads_no_identification():
+def test_a_replay_with_its_report_loads_none_of_what_others_need():
     found = loaded_by("robot_energy.replay.api", "robot_energy_report.replay")
-    assert "robot_energy_identify" not in found
+    assert not found & {"robot_energy_identify", "robot_energy_plan", "robot_energy_history"}
 
 
 def test_a_history_loads_neither_the_physics_nor_schemas():

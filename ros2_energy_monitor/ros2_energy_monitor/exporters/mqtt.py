@@ -31,7 +31,7 @@ from ros2_energy_monitor.base.connection_failure import reason_of
 from ros2_energy_monitor.base.credentials import LOOPBACK, read_credentials
 from ros2_energy_monitor.base.mqtt_packets import PacketBound
 from ros2_energy_monitor.base.optional_packages import require
-from ros2_energy_monitor.diagnostics.reporter import ERROR, StatusBuilder
+from ros2_energy_monitor.diagnostics.reporter import ERROR, WARN, StatusBuilder
 from ros2_energy_monitor.exporters.values import (
     MAX_JOINTS,
     VALUES,
@@ -43,6 +43,8 @@ from ros2_energy_monitor.exporters.values import (
 
 QOS = 1
 KEEP_ALIVE = 15  # the broker says offline after one and a half of it [s]
+UNSPECIFIED = "Unspecified error"  # what the client says of an end without a reason
+AT_ONCE = 20  # messages that may wait to be acknowledged before others are sent
 MAX_WAITING = 100  # messages that the broker has not acknowledged
 MAX_PACKET, MAX_PACKET_TIME = 100_000, 10.0  # of the broker, which has only answers to send [B, s]
 MIN_RECONNECT, MAX_RECONNECT = 1, 60  # [s]
@@ -99,11 +101,13 @@ class MqttExporter(Exporter):
         self._sent: dict[Topic, tuple[Any, float]] = {}
         self._refused: dict[str, str] = {}  # retained messages that found no room, by topic
         self._dropped = self._published = 0
+        self._waiting: list[Any] = []  # messages that are not acknowledged yet
+        self._before = 0, 0  # how many of them, and of dropped ones, at the last check
         client = self._client = mqtt.Client(
             mqtt.CallbackAPIVersion.VERSION2, client_id=f"robot_energy_{robot}"
         )
         self._bound = PacketBound(client, MAX_PACKET, MAX_PACKET_TIME)
-        client.max_inflight_messages_set(20)
+        client.max_inflight_messages_set(AT_ONCE)
         client.max_queued_messages_set(MAX_WAITING)
         client.reconnect_delay_set(MIN_RECONNECT, MAX_RECONNECT)
         client.will_set(f"{self._base}/status", OFFLINE, QOS, retain=True)
@@ -187,12 +191,24 @@ class MqttExporter(Exporter):
 
     def check(self, found: StatusBuilder) -> None:
         connected = self._connected.is_set()
+        self._waiting = [one for one in self._waiting if not one.is_published()]
+        waiting, before = len(self._waiting), self._before
+        self._before = waiting, self._dropped
         found.values |= {
             "connected": int(connected),
             "published": self._published,
+            "waiting": waiting,
             "dropped": self._dropped,
             "losses": self._losses,
         }
+        if connected and min(waiting, before[0]) > AT_ONCE:
+            lost = self._dropped - before[1]
+            found.add(
+                WARN,
+                f"the broker has not acknowledged {waiting} messages, so that others are late"
+                + (f" and {lost} were lost in the last second" if lost else ""),
+                "look at its log and its limits",
+            )
         if not connected:
             where = f"{self._given.host}:{self._given.port}"
             why = self._failure or "no answer yet"
@@ -202,7 +218,9 @@ class MqttExporter(Exporter):
         """Send a message, unless too many wait; one that is to be retained goes out later."""
         self._refused.pop(topic, None)
         done = self._client.publish(topic, text, QOS, retain)
-        self._published += done.rc == 0
+        if done.rc == 0:
+            self._published += 1
+            self._waiting.append(done)
         if done.rc != 0 and retain:
             self._refused[topic] = text
         else:
@@ -215,7 +233,7 @@ class MqttExporter(Exporter):
         if reason.is_failure:
             self._failure = str(reason)
             return
-        self._status, self._announced = "", False
+        self._status, self._announced, self._failure = "", False, ""
         self._sent.clear()
         self._refused.clear()
         self._connected.set()
@@ -224,7 +242,9 @@ class MqttExporter(Exporter):
         self._losses += self._connected.is_set()
         self._connected.clear()
         if self._bound.refused or not self._failure or not reason.is_failure:
-            self._failure = self._bound.refused or str(reason)
+            self._failure = self._bound.refused or (
+                str(reason) if reason.getName() != UNSPECIFIED else "the connection broke off"
+            )
         self._bound.refused = ""
 
     def _take_failure(self, _client: Any, _data: Any) -> None:

@@ -10,13 +10,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import shutil
+import socket
 import subprocess
 import sys
 import threading
 import time
+from types import SimpleNamespace
 
 import jinja2
 import pytest
@@ -198,6 +201,68 @@ def test_a_broker_dies_and_returns(broker, subscriber, exporter, eventually):
     seen = subscriber(server.port)  # this broker has kept nothing
     eventually(feeding(out, newest, lambda: seen.json(f"{BASE}/registers")), "registers again")
     eventually(lambda: any(one.endswith("/config") for one in list(seen.messages)), "discovery")
+
+
+class Mute:
+    """A broker that takes connections and messages, and acknowledges nothing else."""
+
+    def __init__(self):
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listening.getsockname()[1]
+        self.taken: list[socket.socket] = []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        with contextlib.suppress(OSError):
+            while True:
+                one, _ = self._listening.accept()
+                self.taken.append(one)
+                one.recv(4096)
+                one.sendall(bytes([0x20, 2, 0, 0]))
+                threading.Thread(target=self._read, args=(one,), daemon=True).start()
+
+    def _read(self, one):
+        with contextlib.suppress(OSError):
+            while one.recv(65536):
+                pass
+
+    def close(self):
+        self._listening.close()
+        for one in self.taken:
+            one.close()
+
+
+def test_a_broker_that_acknowledges_nothing_is_said(exporter, eventually):
+    pytest.importorskip("paho.mqtt", reason="paho-mqtt is not installed")
+    server, newest = Mute(), Newest(1000.0)
+    out = exporter(server.port, period=0.0)
+
+    def said():
+        newest.take(Topic.POWER, power(), time.monotonic())
+        out.publish(newest, time.monotonic())
+        found = StatusBuilder("mqtt")
+        out.check(found)
+        return found.message if " lost " in found.message else ""
+
+    words = eventually(said, "the finding")
+    assert words.startswith("look at its log and its limits: the broker has not acknowledged ")
+    server.close()
+
+
+def test_a_loss_is_not_explained_by_an_earlier_one():
+    made = pytest.importorskip("paho.mqtt.reasoncodes", reason="paho-mqtt is not installed")
+    end = pytest.importorskip("paho.mqtt.packettypes").PacketTypes.DISCONNECT
+    out = MqttExporter(MqttParameters(), "kr16")
+    for reason, words in (
+        ("Keep alive timeout", "Keep alive timeout"),
+        ("Unspecified error", "the connection broke off"),
+    ):
+        out._take_connection(None, None, None, SimpleNamespace(is_failure=False), None)
+        assert not out._failure
+        out._take_loss(None, None, None, made.ReasonCode(end, reason), None)
+        found = StatusBuilder("mqtt")
+        out.check(found)
+        assert found.message.endswith(words)
 
 
 def test_what_found_no_room_goes_out_later(broker, subscriber, exporter, eventually, monkeypatch):

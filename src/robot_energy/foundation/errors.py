@@ -66,7 +66,7 @@ class UnknownJointError(RobotEnergyError, KeyError):
 
 
 class PayloadError(RobotEnergyError, ValueError):
-    """A payload cannot exist: negative mass, an inertia tensor of no body."""
+    """A payload cannot exist: negative mass, or an inertia that no body has."""
 
 
 class DatasetError(RobotEnergyError, ValueError):
@@ -95,7 +95,7 @@ class MessageTypeError(RobotEnergyError, TypeError):
 
 
 class ParameterError(RobotEnergyError, ValueError):
-    """A parameter of a node or input is missing, of a wrong type, out of range or misfitting."""
+    """A parameter of a node or input is missing, of a wrong type, out of range, or does not fit."""
 
 
 class OptionError(RobotEnergyError, TypeError):

@@ -107,7 +107,7 @@ _Dumper.add_representer(
 
 
 def save(model: RobotModel, path: str | Path) -> None:
-    """Write a model file that `load` reads back equal, with its URDF embedded.
+    """Write a model file that `load_model` reads back equal, with its URDF embedded.
 
     Args:
         model: The model.

@@ -331,7 +331,8 @@ class RobotModel(ModelEntry, Shown):
         Hold | None, "What the motors hold at rest in addition to the load; absent: the load alone."
     ] = None
     covariance: Annotated[
-        Covariance | None, "Of losses and friction behind one meter; absent: each errs for itself."
+        Covariance | None,
+        "Of losses and friction behind one meter; absent: their errors are independent.",
     ] = None
 
     _urdf_xml: str = PrivateAttr(default="")

@@ -172,7 +172,7 @@ def advise(
     Args:
         recordings: Bags of one robot model, or the folder of a dataset of a fleet or of a history.
         model: A model, its file, or the name of a shipped one.
-        **options: What savings are reckoned from: see `AdviseOptions`.
+        **options: What savings are computed from: see `AdviseOptions`.
 
     Raises:
         ParameterError: If a figure makes no sense.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Annotated
 
@@ -70,7 +70,7 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
     time, measured = _measured(evidence)
     findings = [Finding("meter", WARNING, ("meter",), note) for note in evidence.remarks.meter]
     findings += _held(evidence)
-    predicted = _predicted(evidence, time, 0.0)
+    predicted = _predicted(evidence, time)(0.0)
     both = np.isfinite(measured) & np.isfinite(predicted)
     if int(both.sum()) < MIN_INTERVALS:
         why = f"{int(both.sum())} readings have a prediction; {MIN_INTERVALS} are needed"
@@ -102,10 +102,12 @@ def check_meter(evidence: Evidence, wrong: Sequence[str] = ()) -> tuple[list[Fin
         if 0.0 < ratio < LEAST_RATIO:
             why = f"it reads {ratio:.2g} times the prediction of {predicted_mean:.3g} W"
             findings.append(unjudged("meter_unit", ("meter",), "the unit of the meter", why))
-    findings += _lag(evidence, time, measured, [one for one in wrong if one in BODIES])
+    spoilt = [one for one in wrong if one in BODIES]
+    lag = f"correct {spoilt[0]} first" if spoilt else _lag_of(evidence, time, measured)
+    findings += _lag(evidence, lag)
     if not any(one in TORQUES for one in wrong):
         findings += _balance(evidence, measured[both], predicted[both])
-        findings += _step(evidence)
+        findings += _step(evidence, lag)
     return findings, ""
 
 
@@ -126,8 +128,8 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
     return time - half, meter.power
 
 
-def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
-    """Predicted power at the meter, averaged over the spacing of the readings. [W]"""
+def _predicted(evidence: Evidence, time: Float) -> Callable[[float], Float]:
+    """Predicted power at the meter by their lag, averaged over the spacing of the readings. [W]"""
     power, meter = evidence.supply, evidence.meter
     assert power is not None
     assert meter is not None
@@ -140,14 +142,18 @@ def _predicted(evidence: Evidence, time: Float, lag: float) -> Float:
     steps = steps[steps > 0.0]  # some meters repeat a stamp
     spacing = float(np.median(steps)) if len(steps) else 0.1
     width = 0.5 * (spacing if meter.meaning is not MeterMeaning.INSTANTANEOUS else 0.02)
-    low, high = time - lag - width, time - lag + width
-    mean = (np.interp(high, at, energy) - np.interp(low, at, energy)) / (2 * width)
-    mean[(low < at[0]) | (high > at[-1])] = np.nan
     step = np.diff(at, prepend=at[:1])
     gaps = np.cumsum(step > APART * np.median(step) + width)  # between windows of a recording
-    first, last = (np.searchsorted(at, low, "right") - 1, np.searchsorted(at, high))
-    mean[gaps[np.maximum(first, 0)] != gaps[np.minimum(last, len(at) - 1)]] = np.nan
-    return np.asarray(mean)
+
+    def behind(lag: float) -> Float:
+        low, high = time - lag - width, time - lag + width
+        mean = (np.interp(high, at, energy) - np.interp(low, at, energy)) / (2 * width)
+        mean[(low < at[0]) | (high > at[-1])] = np.nan
+        first, last = (np.searchsorted(at, low, "right") - 1, np.searchsorted(at, high))
+        mean[gaps[np.maximum(first, 0)] != gaps[np.minimum(last, len(at) - 1)]] = np.nan
+        return np.asarray(mean)
+
+    return behind
 
 
 def _unexplained(measured: Float, predicted: Float) -> float:
@@ -172,8 +178,10 @@ def _lag_of(evidence: Evidence, time: Float, measured: Float) -> MeterLag | str:
         span = float(np.ptp(time)) if len(time) else 0.0
         return f"{span:.1f} s of readings, {MIN_SPAN:.0f} s are needed"
 
+    behind = _predicted(evidence, time)
+
     def unexplained(lags: Float) -> Float:
-        return np.array([_unexplained(measured, _predicted(evidence, time, lag)) for lag in lags])
+        return np.array([_unexplained(measured, behind(lag)) for lag in lags])
 
     lags = np.arange(-MAX_LAG, MAX_LAG + 1e-9, LAG_STEP)
     left = unexplained(lags)
@@ -199,9 +207,8 @@ def _lag_of(evidence: Evidence, time: Float, measured: Float) -> MeterLag | str:
     return MeterLag(float(lags[best]), gain, gain >= needed)
 
 
-def _lag(evidence: Evidence, time: Float, measured: Float, wrong: list[str]) -> list[Finding]:
+def _lag(evidence: Evidence, found: MeterLag | str) -> list[Finding]:
     """Whether the readings are behind or ahead, or why that cannot be judged."""
-    found = f"correct {wrong[0]} first" if wrong else _lag_of(evidence, time, measured)
     if isinstance(found, str):
         return [unjudged("meter_clock", ("meter",), "the clock of the meter", found)]
     lag, gain = found.lag, found.gain
@@ -233,9 +240,11 @@ def readings_once(meter: MeterBlock) -> tuple[MeterBlock, str]:
     if (runs > 1).mean() < MOST_HELD or (np.abs(runs - usual) <= 1).mean() < REGULAR:
         return meter, ""
     step_ns = int(np.median(np.diff(meter.stamp_ns)))
-    place = np.arange(changes[0], len(meter))
-    since = place - changes[np.searchsorted(changes, place, "right") - 1]
-    once = meter[place[since % usual == 0]]
+    since = np.arange(changes[0], len(meter))
+    run = np.searchsorted(changes, since, "right") - 1
+    since -= changes[run]
+    times = np.maximum(np.rint(np.diff(changes, append=len(meter)) / usual), 1.0)[run]
+    once = meter[changes[0] :][(since % usual == 0) & (since < times * usual)]
     if once.meaning is MeterMeaning.MEAN_OVER_INTERVAL:
         apart = np.diff(once.stamp_ns, prepend=once.stamp_ns[0] - usual * step_ns)
         longest = round(LONGEST * usual * step_ns)
@@ -256,14 +265,13 @@ def _held(evidence: Evidence) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _step(evidence: Evidence) -> list[Finding]:
+def _step(evidence: Evidence, lag: MeterLag | str) -> list[Finding]:
     """Whether the readings step at the same predicted power."""
     meter, power = evidence.meter, evidence.supply
     assert meter is not None
     assert power is not None
     response = MeterResponse.of(evidence.model)
     if response is None:
-        lag = lag_of(evidence)
         response = MeterResponse(0.0 if isinstance(lag, str) else max(lag.lag, 0.0))
     comparison = Comparison(evidence.inputs.meter_max_gap, response=response)
     comparison.measure(meter)

@@ -27,6 +27,7 @@ MAX_SPACING = 2.0  # s between readings; over minutes, a robot that warms up loo
 MIN_STEP = 0.15  # of the mean power: sound recordings show 0.02 with a model that is identified
 MIN_DEVIATIONS = 7.0  # sound recordings show 3, up to 6 with a model that is far off
 MAX_OFF = 0.2  # of the energy, that the model may miss on the better side of a step
+QUARTERS = 4
 ALIKE = 1e-3  # share of the variance of s that a and b p may leave, below which d is not known
 
 
@@ -86,6 +87,34 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
         "scale changes",
         step,
         "leave this recording out or record again without it, or give the load a meter of its own",
+    )  # fmt: skip
+
+
+def drift_of(compared: Compared) -> Finding | None:
+    """Return by how much readings drift from the prediction; None for little.
+
+    Args:
+        compared: What a meter and the prediction of a model that was identified from it gave.
+    """
+    since = compared.stamp_ns - compared.stamp_ns[0]
+    quarter = QUARTERS * since // (since[-1] + 1)
+    measured, predicted = (
+        np.bincount(quarter, values, QUARTERS) for values in (compared.measured, compared.predicted)
+    )
+    if not (measured > 0.0).all():
+        return None
+    off = predicted / measured
+    drift = float(off[0] - off[-1])
+    whole = float(predicted.sum() / measured.sum()) - 1.0
+    if abs(drift) <= max(MIN_STEP, 2.0 * abs(whole)):
+        return None
+    return Finding(
+        "meter_drift", WARNING, ("meter",),
+        f"the meter reads {100.0 * abs(drift):.0f} % {'more' if drift > 0.0 else 'less'} in the "
+        "last quarter than in the first at the same predicted power: another load rises or falls, "
+        "or the robot warms up in a way that its model does not know",
+        drift,
+        "record again without other loads on the meter; of a warm-up record half an hour or more",
     )  # fmt: skip
 
 

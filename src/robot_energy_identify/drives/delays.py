@@ -13,6 +13,8 @@ fed back, are left out at every delay: the meter then sees less, which would loo
 
 A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-passed columns, and
 the delay is free meanwhile; what the drives feed back counts as 0 in it, and the DC link as empty.
+Copper losses have a factor for each drive, and power counts from its mean over some seconds:
+a level that is off, as friction of another temperature is, would be taken up by the low pass.
 It is undone in `robot_energy_identify.data.recordings`. An energy counter has none.
 """
 
@@ -20,20 +22,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robot_energy.accounting.power_curve import MeterLimits
+from robot_energy.foundation.described import Described
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Meter
 from robot_energy.timeline.blocks import NANOSECOND, Float, Int, MeterBlock, MeterMeaning
 from robot_energy_identify.bounds import identified
 from robot_energy_identify.data.recordings import undone
 from robot_energy_identify.data.thinned import few
-from robot_energy_identify.drives.drive_data import DriveData
-from robot_energy_identify.drives.total_sums import Integrals
-from robot_energy_identify.stats.cross_validation import contiguous_folds, splits
+from robot_energy_identify.drives.drive_data import BLOCK, DriveData
+from robot_energy_identify.drives.total_sums import InsidePieces, Integrals
+from robot_energy_identify.stats.cross_validation import (
+    averaged,
+    contiguous_blocks,
+    contiguous_folds,
+    splits,
+)
 from robot_energy_identify.stats.lag import Delay, applied, best_delay, held_out_errors
 from robot_energy_identify.stats.regression import qr_r
 
@@ -49,8 +58,10 @@ STEPS = 20  # on each side of zero,
 FINE = 10  # then on each side of the best of them
 WIDE = 2  # steps of low passes to each side: the least error may lie beyond the next
 MIN_ROWS = 100
+FEWEST = 20  # readings in the time over which their mean is taken
 AHEAD = 0.03  # s by which no meter is ahead of what it measures; a model that is off makes 0.01
 MAX_TIME_CONSTANT = 1.0  # s: low passes up to this are tried
+SPEED_LAG = 0.015  # s by which speeds that a controller has filtered may be late
 
 
 def estimate_meter_delay(data: DriveData) -> Delay | None:
@@ -91,6 +102,7 @@ def estimate_time_constant(data: DriveData, ahead: bool = False) -> Delay | None
     lags = grid[::2] * SPAN / MAX_TIME_CONSTANT
     step = lags[1]
     lags = np.append(-lags[:0:-1], lags) if ahead else lags
+    least = lags[0] - SPEED_LAG
     error = _errors_of_both(data, grid, lags)
     if error is None:
         return None
@@ -102,7 +114,7 @@ def estimate_time_constant(data: DriveData, ahead: bool = False) -> Delay | None
     row, column = divmod(int(total.argmin()), total.shape[1])
     fine = np.arange(-FINE, FINE + 1) / FINE
     near, late = grid[row] + WIDE * grid[1] * fine, lags[column] + step * fine
-    near, late = near[near > 0.0], late[late >= lags[0]]
+    near, late = near[near > 0.0], late[late >= least]
     # First a delay alone, at its best, on the same readings.
     alone = lags[total[0].argmin()]
     error = _errors_of_both(data, np.append(0.0, near), np.append(alone, late))
@@ -126,9 +138,11 @@ def _at_best_lags(error: Float) -> Float:
 
 def _errors_of_both(data: DriveData, constants: Float, lags: Float) -> Float | None:
     """Squared error of every fold with each low pass [s] and lag [s], (folds, constants, lags)."""
-    columns = _columns(data)
+    _, copper, *others = np.moveaxis(data.loss_columns(), -1, 0)
+    summed = [column.sum(axis=1) for column in others]
+    columns = np.column_stack([data.supplied_power, copper, *summed])
     passed = (_low_passed(data, columns, constant) for constant in constants.tolist())
-    error = _errors(data, lags, passed)
+    error = _errors(data, lags, passed, about_mean=True)
     return None if error is None else error.reshape(-1, len(constants), len(lags))
 
 
@@ -148,7 +162,9 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
         np.split(np.nan_to_num(drawn), edges), np.split(data.periods, edges), strict=True
     ):
         kept = float(np.exp(-periods[0] / constant))
-        passed = lfilter([1.0 - kept], [1.0, -kept], part, axis=0, zi=kept * part[:1])[0]
+        before = (1.0 - kept) * constant / float(periods[0])  # of straight lines between samples
+        ends = [1.0 - before, before - kept]
+        passed = lfilter(ends, [1.0, -kept], part, axis=0, zi=before * part[:1])[0]
         parts.append(np.asarray(passed))
     return np.where(known, np.concatenate(parts), np.nan)
 
@@ -212,30 +228,55 @@ def _columns(data: DriveData) -> Float:
     return np.column_stack([data.supplied_power, data.loss_columns().sum(axis=1)])
 
 
-def _moved(
-    meter: MeterBlock, limits: MeterLimits, lag: float, integrals: Integrals
-) -> tuple[Float, Float]:
-    """Power of every piece, and means of the columns over it; NaN where not known."""
-    power: list[Float] = []
-    means: list[Float] = []
-    for pieces in limits.pieces(undone(meter, lag)):
-        kept, mean = integrals.means(pieces)
-        place = np.full((len(pieces), mean.shape[1]), np.nan)
-        place[np.searchsorted(pieces.stamp_ns, kept.stamp_ns)] = mean
-        used = few(len(pieces))
-        power.append(pieces.mean_power[used])
-        means.append(place[used])
-    return np.concatenate(power), np.concatenate(means)
+class _Moved(Described):
+    """The readings of a meter with a lag, as pieces; some of them, evenly taken."""
+
+    stamp_ns: Annotated[Int, "Of every piece. [ns]"]
+    power: Annotated[Float, "Of every piece. [W]"]
+    parts: Annotated[
+        list[tuple[InsidePieces, Int, NDArray[np.bool_]]],
+        "Pieces inside the samples, their places among all, and which are taken.",
+    ]
+
+    @classmethod
+    def of(cls, meter: MeterBlock, limits: MeterLimits, lag: float, integrals: Integrals) -> _Moved:
+        stamp: list[Int] = []
+        power: list[Float] = []
+        parts: list[tuple[InsidePieces, Int, NDArray[np.bool_]]] = []
+        for pieces in limits.pieces(undone(meter, lag)):
+            inside = integrals.inside(pieces)
+            place = np.searchsorted(pieces.stamp_ns, inside.pieces.stamp_ns)
+            used = few(len(pieces))
+            stamp.append(pieces.stamp_ns[used])
+            power.append(pieces.mean_power[used])
+            parts.append((inside, place, used))
+        return cls(np.concatenate(stamp), np.concatenate(power), parts)
+
+    def means(self, integrals: Integrals) -> Float:
+        """Means of the columns over every piece; NaN where not known."""
+        found: list[Float] = []
+        for inside, place, used in self.parts:
+            mean = integrals.means_of(inside)
+            every = np.full((len(used), mean.shape[1]), np.nan)
+            every[place] = mean
+            found.append(every[used])
+        return np.concatenate(found)
 
 
-def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | None:
+def _errors(
+    data: DriveData, lags: Float, columns: Iterable[Float], about_mean: bool = False
+) -> Float | None:
     """Squared error of every fold, predicted from the others, shape (folds, tries).
 
     Each of the columns, unknown in the same places, with each lag [s]; the same readings in all;
     None if they are too few.
+
+    Args:
+        about_mean: Whether columns and readings count from their means over some seconds.
     """
     errors: list[Float] = []
     same: list[NDArray[np.bool_]] = []
+    moved: dict[int, list[_Moved]] = {}
     measured = size = np.empty(0)
     for each in columns:
         parts: list[Float] = []
@@ -244,14 +285,21 @@ def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | N
             rows = data.samples_of(number)
             if meter is None or len(each[rows]) < 2:
                 continue
-            limits = data.limits[number]
             integrals = Integrals(data.stamp_ns[rows], data.stretch[rows], each[rows])
-            tried = [_moved(meter, limits, lag, integrals) for lag in lags.tolist()]
+            if number not in moved:  # the same for all columns
+                limits = data.limits[number]
+                moved[number] = [_Moved.of(meter, limits, lag, integrals) for lag in lags.tolist()]
+            tried = [one.means(integrals) for one in moved[number]]
             if not errors:
-                same.append(np.logical_and.reduce([np.isfinite(mean[:, 0]) for _, mean in tried]))
+                same.append(np.logical_and.reduce([np.isfinite(mean[:, 0]) for mean in tried]))
             used = same[len(parts)]
-            parts.append(np.stack([mean[used] for _, mean in tried]))
-            targets.append(tried[0][0][used])
+            first = moved[number][0]
+            power, every = first.power[used], [mean[used] for mean in tried]
+            if about_mean and used.any():
+                block = _some_seconds(first.stamp_ns[used])
+                power, *every = (one - averaged(one, block)[block] for one in (power, *every))
+            parts.append(np.stack(every))
+            targets.append(power)
         if sum(len(part) for part in targets) < MIN_ROWS:
             return None
         means = np.concatenate(parts, axis=1)
@@ -259,11 +307,18 @@ def _errors(data: DriveData, lags: Float, columns: Iterable[Float]) -> Float | N
             measured = np.concatenate(targets)
             size = np.maximum(np.linalg.norm(means[0], axis=0), np.finfo(float).tiny)
         folds = [test for _, test in splits(contiguous_folds(len(measured)))]
+        width = means.shape[-1]
         errors += [
-            held_out_errors([qr_r(np.column_stack([part[f], measured[f]])) for f in folds], 5)
+            held_out_errors([qr_r(np.column_stack([part[f], measured[f]])) for f in folds], width)
             for part in (mean / size for mean in means)
         ]
     return np.concatenate(errors, axis=1)
+
+
+def _some_seconds(stamp_ns: Int) -> Int:
+    """Block of some seconds that each reading lies in, rising from 0, shape (K,)."""
+    period = float(np.median(np.diff(stamp_ns))) * NANOSECOND if len(stamp_ns) > 1 else 0.0
+    return contiguous_blocks(stamp_ns, np.zeros_like(stamp_ns), max(BLOCK, FEWEST * period))
 
 
 def estimate_power_delay(data: DriveData) -> Delay | None:

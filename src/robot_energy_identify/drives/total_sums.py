@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from robot_energy.foundation.described import Described
 from robot_energy.foundation.errors import NotIdentifiableError
 from robot_energy.model import RobotModel
 from robot_energy.physics.drivetrain import motor_standstill
@@ -170,6 +171,15 @@ def joined(
     return pieces, means, np.concatenate([numbers for _, _, numbers in parts])
 
 
+class InsidePieces(Described):
+    """Pieces inside samples."""
+
+    pieces: CoveredPieces
+    gone: Annotated[NDArray[np.bool_], "Whether a column is unknown in a piece, (pieces, K)."]
+    begin: Annotated[tuple[Int, Float], "Sample before the begin of each; share of a step after."]
+    end: Annotated[tuple[Int, Float], "The same of its end."]
+
+
 class Integrals:
     """Integrals of columns over time by trapezoids, from which means over any pieces follow.
 
@@ -201,6 +211,11 @@ class Integrals:
             The pieces that are left, and means, shape (pieces, K); NaN where another column is
             NaN.
         """
+        inside = self.inside(pieces)
+        return inside.pieces, self.means_of(inside)
+
+    def inside(self, pieces: CoveredPieces) -> InsidePieces:
+        """Return the pieces inside the samples; the same for columns unknown in the same places."""
         stamp = self._stamp
         first = np.searchsorted(stamp, pieces.stamp_ns, side="right") - 1
         last = np.searchsorted(stamp, pieces.end_ns, side="left")
@@ -209,14 +224,22 @@ class Integrals:
         gone = self._gone[last + 1] - self._gone[first] > 0
         inside &= (self._stretch[first] == self._stretch[last]) & ~gone[:, 0]
         kept = pieces[inside]
-        area = self._until(kept.end_ns, last[inside]) - self._until(kept.stamp_ns, first[inside])
-        return kept, np.where(gone[inside], np.nan, area / kept.duration[:, None])
+        begin, end = self._at(kept.stamp_ns, first[inside]), self._at(kept.end_ns, last[inside])
+        return InsidePieces(kept, gone[inside], begin, end)
 
-    def _until(self, at: Int, near: Int) -> Float:
-        """The integrals up to instants, of which the sample before or behind is known."""
+    def means_of(self, inside: InsidePieces) -> Float:
+        """Return the mean of every column over each piece, shape (pieces, K)."""
+        area = self._until(*inside.end) - self._until(*inside.begin)
+        return np.where(inside.gone, np.nan, area / inside.pieces.duration[:, None])
+
+    def _at(self, at: Int, near: Int) -> tuple[Int, Float]:
+        """The samples before instants, of which that before or behind is known; share after it."""
         before = np.clip(np.where(self._stamp[near] > at, near - 1, near), 0, len(self._stamp) - 2)
         low, high = self._stamp[before], self._stamp[before + 1]
-        share = ((at - low) / np.maximum(high - low, 1))[:, None]
+        return before, ((at - low) / np.maximum(high - low, 1))[:, None]
+
+    def _until(self, before: Int, share: Float) -> Float:
+        """The integrals up to instants."""
         return self._area[before] * (1.0 - share) + self._area[before + 1] * share
 
 

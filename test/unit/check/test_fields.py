@@ -12,10 +12,11 @@ from places import ROOT
 from refusals import refused
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy_identify.check import check
 from robot_energy_identify.check.finding import PARAMETERS
 from robot_energy_identify.check.lateness import lateness
+from robot_energy_identify.check.meter import readings_once
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.refused_recordings import on_one_clock, refuse_motion
 from sound_recordings import read_with
@@ -153,3 +154,19 @@ def test_a_counter_that_jumps_has_no_other_unit_and_no_other_sign(offset, factor
     bag = rewrite(SOUND, tmp_path / "bag", None, counted)
     found = {one.cause for one in check(bag, MODEL).findings}
     assert not found & {"meter_sign", "meter_unit", "meter_exceeds"}
+
+
+def test_each_reading_counts_once_where_a_table_repeats_it_12_or_13_times():
+    """And a value that the meter itself gives twice counts twice."""
+    runs = np.tile([12, 13, 12], 20)
+    runs[30] = 25
+    values = np.arange(len(runs)) % 7 + 100.0
+    power = np.repeat(values, runs)
+    stamp = np.arange(len(power)) * 8_000_000
+    interval, none = np.full(len(power), 0.1), np.full(len(power), np.nan)
+    place = MeterMeaning.MEAN_OVER_INTERVAL, MeterLocation.GRID
+    once, said = readings_once(MeterBlock(stamp, power, none, interval, *place))
+    assert "every 0.008 s, but change every 0.096 s" in said
+    assert once.power.tolist() == np.insert(values, 30, values[30])[1:].tolist()
+    assert once.interval.min() > 0.095
+    assert once.interval.max() < 0.105

@@ -10,7 +10,7 @@ import pytest
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import Float
 from robot_energy.timeline.pieces import Compared
-from robot_energy_identify.check.meter_step import by_second, step_of
+from robot_energy_identify.check.meter_step import by_second, drift_of, step_of
 
 BEGIN = 10**9 * SECOND_NS
 RATE = 10
@@ -117,3 +117,19 @@ def test_seconds_of_a_cut_input_differ_by_rounding_alone() -> None:
     assert np.array_equal(again.stamp_ns, once.stamp_ns)
     assert np.array_equal(again.duration_ns, once.duration_ns)
     assert again.measured == pytest.approx(once.measured, rel=1e-12)
+
+
+def test_a_load_that_rises_slowly_is_no_step_but_a_drift() -> None:
+    power = predicted()
+    rising = power + 400.0 * np.linspace(-0.5, 0.5, len(power))
+    found = drift_of(compared(power, rising))
+    assert step_of(compared(power, rising), BEGIN) is None
+    assert found is not None
+    assert found.evidence == pytest.approx(0.25, abs=0.05)
+    assert "% more in the last quarter" in found.sentence
+    falling = drift_of(compared(power, rising[::-1].copy() * power / power[::-1]))
+    assert falling is not None
+    assert "% less in the last quarter" in falling.sentence
+    assert drift_of(compared(power, power)) is None
+    assert drift_of(compared(power, 1.3 * rising)) is None  # the model does not fit at all
+    assert drift_of(compared(power, np.where(later(30, len(power)) > 0, 0.0, power))) is None

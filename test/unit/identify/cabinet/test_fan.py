@@ -258,7 +258,7 @@ def rig(*without, start=20.0, on=23.0, capacity=1.0):
     limits = profile.motion_limits(profile.mechanics()[0])
     program = random_program(limits, SEED, dwell=1.0)
     config = RigConfig.hard().without(*without)
-    return VirtualRig(profile, program, config, SEED, start, 20.0, rate_hz=50.0)
+    return VirtualRig(profile, program, config, SEED, start, 20.0, rate_hz=25.0)
 
 
 def test_the_fan_of_the_rig_is_found_and_none_without_it(tmp_path):
