@@ -125,8 +125,8 @@ MODULES = {
         cabinet dc_link fan levels link_readings phase_readings supply thermometers
     """,
     "robot_energy_identify.check": """
-        effort evidence finding lateness meter meter_step motion possible_causes process remedies run
-        torque torque_fit
+        effort evidence finding lateness meter meter_step motion possible_causes process remedies
+        run torque torque_fit
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings rest thinned
