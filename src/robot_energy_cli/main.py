@@ -31,6 +31,7 @@ from robot_energy.foundation.kinds import LIKELY, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.foundation.stopping import DEFAULTS, End
 from robot_energy_cli import completion
+from robot_energy_cli.command import Command
 from robot_energy_cli.commands import COMMANDS
 
 
@@ -78,7 +79,6 @@ DONE, UNEXPECTED, REFUSED, DAMAGED = 0, 1, 2, 3
 
 FEW = 6  # choices that are all named, even where one of them is near
 ENTRY_POINTS = "robot_energy.commands"  # group of those that have an add_parser
-_installed = cache(entry_points)  # to read them takes 30 ms
 
 EPILOG = """\
 examples:
@@ -202,11 +202,15 @@ def _parser() -> Parser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-    # Those of other packages, such as that of the papers, by the entry points they declare.
-    further = [entry.load() for entry in _installed(group=ENTRY_POINTS)]
-    for command in (*COMMANDS, *further, completion.COMMAND):
+    for command in (*COMMANDS, *_further(), completion.COMMAND):
         command.add_parser(commands)
     return parser
+
+
+@cache
+def _further() -> tuple[Command, ...]:
+    """Those of other packages, as of the papers; to read what declares them takes 30 ms."""
+    return tuple(entry.load() for entry in entry_points(group=ENTRY_POINTS))
 
 
 def _run_help(args: Namespace) -> int:
