@@ -29,23 +29,23 @@ class Command(NamedTuple):
 
 IDENTIFY = ("--out", "--json", "--report")
 COMMANDS = {
-    "replay": Command("replay bag --model wheel.yaml", ("--json",), True,
+    "replay": Command("replay bag --model wheel.yaml", ("--json", "--plot"), True,
                       ("bag", "bag/bag_0.mcap", "wheel.yaml")),
     "report": Command("report bag --model wheel.yaml", ("--out",), False, ("bag", "wheel.yaml")),
     "simulate": Command("simulate --duration 0.05", (), True, ()),
-    "import table": Command("import table wheel.csv --mapping map.yaml", (), True,
+    "import csv": Command("import csv wheel.csv --mapping map.yaml", (), True,
                           ("wheel.csv", "map.yaml")),
     "import ur-rtde": Command("import ur-rtde ur.csv", (), True, ("ur.csv",)),
-    "model check": Command("model check wheel.yaml", ("--json",), False, ("wheel.yaml",)),
+    "models check": Command("models check wheel.yaml", ("--json",), False, ("wheel.yaml",)),
     "predict": Command("predict moves.yaml --model kr16 --temperature 20",
-                       ("--json", "--report"), False, ("moves.yaml",)),
+                       ("--json", "--report", "--plot"), False, ("moves.yaml",)),
     "excitation": Command("identify excitation --model kr16 --no-floor --starts 1 --iterations 1 "
                           "--harmonics 2", ("--json",), True, ()),
     "friction": Command("identify friction bag --model wheel.yaml --effort motor_torque",
-                        IDENTIFY, False, ("bag", "wheel.yaml")),
+                        (*IDENTIFY, "--plot"), False, ("bag", "wheel.yaml")),
     "cabinet": Command("identify cabinet bag --model wheel.yaml", IDENTIFY, False,
                        ("bag", "wheel.yaml")),
-    "drives": Command("identify drives bag --model wheel.yaml", IDENTIFY, False,
+    "drives": Command("identify drives bag --model wheel.yaml", (*IDENTIFY, "--plot"), False,
                       ("bag", "wheel.yaml")),
     "dynamics": Command("identify dynamics bag --model wheel.yaml --effort motor_torque",
                         IDENTIFY, False, ("bag", "wheel.yaml")),
@@ -53,6 +53,7 @@ COMMANDS = {
     "paper-a": Command("reproduce paper-a --quick", (), True, ()),
     "paper-b": Command("reproduce paper-b --quick", (), True, ()),
 }  # fmt: skip
+SUFFIX = {"--plot": ".svg"}
 FILES = [(name, option) for name, command in COMMANDS.items() for option in command.files]
 FOLDERS = [name for name, command in COMMANDS.items() if command.folder]
 
@@ -68,7 +69,7 @@ def run(name: str, **options: str) -> int:
 def outputs(name: str, overwrite: bool = False) -> dict[str, str]:
     """All outputs of a command, each in a place of its own."""
     command = COMMANDS[name]
-    found = {option.strip("-"): "new.x" for option in command.files}
+    found = {option.strip("-"): f"new{SUFFIX.get(option, '.x')}" for option in command.files}
     found = {option: f"{option}_{value}" for option, value in found.items()}
     if command.folder:
         found["out"] = "new_folder"

@@ -39,6 +39,7 @@ def number_type(
 
 number = number_type(f"number from -{MAX_NUMBER:g} to {MAX_NUMBER:g}", -MAX_NUMBER, MAX_NUMBER)
 positive = number_type("time in s (above 0)", 0.0, 1e6, open_low=True)
+frequency = number_type("frequency in Hz (above 0)", 0.0, MAX_NUMBER, open_low=True)
 
 
 def whole(text: str) -> int:
@@ -120,6 +121,7 @@ class Group(Described):
     title: str
     metavar: str
     parts: Annotated[Callable[[], Iterable[Command]], "Gives them; asked once all kinds are known."]
+    default: Annotated[tuple[str, str, Run] | None, "The one that need not be named."] = None
 
     def add_parser(self, commands: Any) -> None:
         """Add it with its sub-commands."""
@@ -128,7 +130,13 @@ class Group(Described):
         )
 
     def _add_parts(self, parser: ArgumentParser) -> None:
-        own = parser.add_subparsers(title=self.title, metavar=self.metavar, required=True)
+        own = parser.add_subparsers(
+            title=self.title, metavar=self.metavar, required=self.default is None
+        )
+        if self.default is not None:
+            name, text, run = self.default
+            parser.set_defaults(run=run)
+            own.add_parser(name, help=text).set_defaults(run=run)
         for part in self.parts():
             part.add_parser(own)
 
@@ -154,7 +162,7 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
     Args:
         spelled: As its help shows it: ``--out FILE`` takes a text, ``--rate HZ`` a number, as its
             unit says, and ``--details`` nothing, unless further words say more. ``bag`` and
-            ``bags BAG`` are arguments.
+            ``bags BAG`` are arguments; ``--html/--report FILE`` has two names.
     """
     name, _, metavar = spelled.partition(" ")
     if name.startswith("--") and not metavar and not words:
@@ -163,7 +171,7 @@ def add_option(group: Any, spelled: str, text: str, **words: Any) -> None:
         words = {"type": whole if metavar == COUNT else number, "metavar": metavar, **words}
     elif metavar:
         words["metavar"] = metavar
-    group.add_argument(name, help=text, **words)
+    group.add_argument(*name.split("/"), help=text, **words)
 
 
 def flags(options: type, *chosen: str) -> dict[str, tuple[str, dict[str, Any]]]:

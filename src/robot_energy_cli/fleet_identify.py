@@ -22,6 +22,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_fleet.dataset import read_tables
     from robot_energy_fleet.identify import identify_fleet
+    from robot_energy_report.identification import friction_over_temperature
 
     IdentifyInputs(args).check_results()
     tables = read_tables(args.dataset)
@@ -33,6 +34,7 @@ def _run(args: Namespace) -> int:
         found,
         "Friction of a fleet",
         f"Identified from {args.dataset}.",
+        plot=lambda path: friction_over_temperature(found.axes, path, title=args.dataset),
         model=model,
     )
     return 0
@@ -42,6 +44,6 @@ OPTIONS: Options = {
     "dataset": "folder that `fleet run` wrote",
     "--model FILE|NAME": ("model file or shipped model with which the bags were run", REQUIRED),
     **SENSOR_OPTIONS,
-    **result_options("this friction"),
+    **result_options("this friction", "write the laws over temperature as a figure"),
 }
 COMMAND = Command.of(__doc__, _run, OPTIONS)

@@ -7,7 +7,7 @@ with how sure that is.
 
 examples:
   robot-energy fleet report dataset
-  robot-energy fleet report dataset --report fleet.html --page-settings prices.yaml
+  robot-energy fleet report dataset --html fleet.html --page-settings prices.yaml
   robot-energy fleet report dataset --json report.json
 """
 
@@ -45,7 +45,10 @@ def _run(args: Namespace) -> int:
 
 OPTIONS: Options = {
     "dataset": "folder that `fleet run` wrote",
-    "--report FILE": "the report as one page: .html, or .pdf where a Chromium is installed",
+    "--html/--report FILE": (
+        "the report as one page: .html, or .pdf where a Chromium is installed",
+        {"dest": "report"},
+    ),
     **JSON_OPTION,
     "--shifts H,H,...": (
         "hours of the day, local time, at which shifts begin (default 6,14,22)",

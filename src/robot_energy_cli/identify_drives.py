@@ -14,19 +14,30 @@ can be held out.
 
 examples:
   robot-energy identify drives cold warm --model kr16 --effort motor_torque \
-      --drive-power /drive_power --out my_robot.yaml
+      --drive-power /drive_power --out my_robot.yaml --plot maps.png
+  robot-energy identify drives L0L1.csv L1L2.csv L2L3.csv --ur-rtde --model ur3e \
+      --out my_ur3e.yaml
   robot-energy identify drives --log voraus.csv --mapping voraus.yaml
 """
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_energy.foundation.errors import ModelFileError
-from robot_energy_cli.command import Command, Options, flags
+from robot_energy.foundation.files.temporary_folder import TemporaryFolder
+from robot_energy_cli.command import (
+    Command,
+    Options,
+    add_option,
+    add_options,
+    flags,
+    frequency,
+)
 from robot_energy_cli.identify_inputs import (
     LOG,
     SENSOR_OPTIONS,
@@ -36,35 +47,51 @@ from robot_energy_cli.identify_inputs import (
 )
 from robot_energy_cli.terminal import present
 from robot_energy_identify.options import OF_DRIVES, IdentifyOptions
+from robot_energy_logs.log_formats import LOG_FORMATS
 
 if TYPE_CHECKING:
     from robot_energy.model import RobotModel
     from robot_energy_identify.drives.drive_data import DriveData
 
 
-OPTIONS: Options = {
-    **bag_options(
-        required=False,
-        effort="what the effort in the joint states means; without it the model's own torque is "
-        "used, rigid bodies and friction",
-    ),
-    **flags(IdentifyOptions, OF_DRIVES),
-    **SENSOR_OPTIONS,
-    **result_options("these drives"),
-    "from logs with torque, without a model": {**LOG, "--mapping FILE": "what their columns mean"},
-}
+def _options(parser: ArgumentParser) -> None:
+    effort = (
+        "what the effort in the joint states means; without it the model's own torque is used, "
+        "rigid bodies and friction"
+    )
+    add_options(
+        parser, {**bag_options(required=False, effort=effort), **flags(IdentifyOptions, OF_DRIVES)}
+    )
+    for kind in LOG_FORMATS.values():
+        if kind.recording is not None:
+            words = {"dest": "log_format", "action": "store_const", "const": kind.name}
+            add_option(
+                parser, f"--{kind.name}", f"the recordings are files of {kind.label}", **words
+            )
+    cutoff = {"type": frequency, "default": 5.0}
+    add_option(
+        parser,
+        "--cutoff HZ",
+        "cut-off frequency of the low-pass of the maps (default 5 Hz)",
+        **cutoff,
+    )
+    results = result_options("these drives", "draw the maps (.png, .svg, .pdf)")
+    log: Options = {**LOG, "--mapping FILE": "what their columns mean"}
+    log = {"from logs with torque, without a model": log}
+    add_options(parser, {**SENSOR_OPTIONS, **results, **log})
 
 
 def _run(args: Namespace) -> int:
     from robot_energy_identify.drives.all_drives import find_drives
     from robot_energy_identify.plausibility import check_drives, check_total
     from robot_energy_identify.provenance import hashed, identified_from
+    from robot_energy_report.drives import efficiency_maps, mapped
 
     IdentifyInputs(args).check_results()
     _check(args)
     data, model, torque, moved = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
-    found = find_drives(data, model, source)
+    found = find_drives(data, model, source, args.cutoff)
     if found.drives is not None:
         check_drives(data, found.drives)
     elif found.total is not None:
@@ -74,11 +101,13 @@ def _run(args: Namespace) -> int:
         done, bags = "Losses of the drives identified.", [hashed(Path(name)) for name in args.bags]
         written = written.changed(provenance=identified_from(written.provenance, done, bags))
     report = replace(found, torque=torque, notes=(*moved, *notes))
+    maps = mapped(found.drives)
     present(
         args,
         report,
         "Electrical power of the drives",
         f"Identified from {source}.",
+        plot=(lambda path: efficiency_maps(maps, path, source)) if maps else None,
         model=written,
     )
     return 0
@@ -93,6 +122,11 @@ def _check(args: Namespace) -> None:
             "a log is used without a model and makes none",
             "--log and --mapping alone, or recordings with --model",
             "import the log to a bag",
+        )
+    if args.log_format and args.drive_power:
+        label = LOG_FORMATS[args.log_format].label
+        raise ModelFileError(
+            f"recordings of {label} have no power of each drive", "no --drive-power"
         )
 
 
@@ -121,9 +155,19 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str, tuple[str
 
     model = load(args.model)
     effort, _ = IdentifyInputs(args).bags().meaning()
-    recordings = IdentifyInputs(args).bags().recordings(model)
-    topics = IdentifyInputs(args).drive_power()
-    powers = [topics and topics.read(bag, model.joint_names) for bag in args.bags]
+    with ExitStack() as stack:
+        recording = LOG_FORMATS[args.log_format].recording if args.log_format else None
+        if recording is not None:
+            folder = stack.enter_context(TemporaryFolder()).path
+            bags = [
+                recording(name, folder / str(number), model.joint_names).bag
+                for number, name in enumerate(args.bags)
+            ]
+        else:
+            bags = args.bags
+        recordings = IdentifyInputs(args).bags(bags).recordings(model)
+        topics = IdentifyInputs(args).drive_power()
+        powers = [topics and topics.read(bag, model.joint_names) for bag in bags]
     measured = effort is not EffortMeaning.NONE
     if measured:
         check_signs(recordings, effort)
@@ -134,4 +178,4 @@ def _data(args: Namespace) -> tuple[DriveData, RobotModel | None, str, tuple[str
     return drive_data(recordings, powers, measured), model, torque, moved
 
 
-COMMAND = Command.of(__doc__, _run, OPTIONS)
+COMMAND = Command.of(__doc__, _run, _options)

@@ -21,7 +21,6 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_energy.foundation.errors import ModelFileError
 from robot_energy_cli.command import LIST, Command, Options
 from robot_energy_cli.identify_inputs import (
     SENSOR_OPTIONS,
@@ -42,11 +41,21 @@ OPTIONS: Options = {
     **bag_options(required=False, effort="what the effort in the joint states of bags means"),
     "--log LOG": ("instead of bags: tables (CSV, plain or .gz, Parquet) or their folder", LIST),
     "--mapping FILE": "what the columns mean",
+    "--data FOLDER": "without --mapping: --log is the mapping, and this the folder of the tables "
+    "(default: that of the mapping)",
     "--method": (
         "ordinary, weighted by joint (default), or robust against outliers",
         {"choices": ("ols", "wls", "irls"), "default": "wls"},
     ),
     "--stribeck V": "add a Stribeck term with this speed [rad/s]",
+    "--smooth V": (
+        "speed of the smooth sign of Coulomb friction [rad/s] (default: 0.01)",
+        {"default": 0.01},
+    ),
+    "--cutoff HZ": (
+        "cut-off frequency of the low-pass on both sides of the equation (default: 10 Hz)",
+        {"default": 10.0},
+    ),
     "--delay MS": (
         "search for delays of the torque up to this (default: 5 ms; 0: no search)",
         {"default": 5.0},
@@ -86,33 +95,38 @@ def _run(args: Namespace) -> int:
 def _log(
     args: Namespace,
 ) -> tuple[RobotModel, dict[str, list[Channels]], list[str], ReferenceValues | None]:
-    """Model, stretches by recording, names and friction known from elsewhere, by a mapping."""
+    """Model, stretches by recording, names and friction known from elsewhere, by a mapping.
+
+    With --data the mapping is what --log names.
+    """
     from robot_energy.model import load
     from robot_energy_identify.data.log_channels import model_of, read_channels
     from robot_energy_logs.mapping import load_mapping
     from robot_energy_report.dynamics import ReferenceValues
 
-    if args.mapping is None:
-        raise ModelFileError("the log has no --mapping", "a YAML file that names its columns")
-    mapping = load_mapping(args.mapping)
-    folder = Path(args.log[0])
-    folders = [folder if folder.is_dir() else folder.parent, Path(args.mapping).parent]
+    described = Path(args.mapping or args.log[0])
+    tables = args.log if args.mapping else [args.data or described.parent]
+    mapping = load_mapping(described)
+    folder = Path(tables[0])
+    folders = [folder if folder.is_dir() else folder.parent, described.parent]
     model = load(args.model) if args.model else model_of(mapping, folders)
     known = mapping.reference
     reference = (
         None if known is None else ReferenceValues(known.viscous, known.coulomb, known.source)
     )
-    recordings = read_channels(args.log, mapping, model)
-    return model, recordings, mapping.files or [Path(name).name for name in args.log], reference
+    recordings = read_channels(tables, mapping, model)
+    return model, recordings, mapping.files or [Path(name).name for name in tables], reference
 
 
 def _settings(args: Namespace) -> DynamicsSettings:
+    from robot_energy_identify.data.observations import Filters
     from robot_energy_identify.dynamics.dynamics import DynamicsSettings
     from robot_energy_identify.dynamics.torque_model import standard_columns
 
     return DynamicsSettings(
-        columns=standard_columns(stribeck_velocity=args.stribeck),
+        columns=standard_columns(args.smooth, args.stribeck),
         method=args.method,
+        filters=Filters(cutoff=args.cutoff),
         delay_span=args.delay * 1e-3,
         sensors=IdentifyInputs(args).sensor_limits(),
     )

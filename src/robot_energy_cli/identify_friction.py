@@ -55,6 +55,7 @@ def _run(args: Namespace) -> int:
     from robot_energy.model import load
     from robot_energy_identify.friction.temperature_study import FrictionStudyReport, axis_study
     from robot_energy_identify.friction_and_thermal import FrictionReport, plausible_fits
+    from robot_energy_report.identification import friction_over_temperature
 
     given = IdentifyInputs(args)
     given.check_results()
@@ -84,6 +85,7 @@ def _run(args: Namespace) -> int:
         report,
         "Friction over motor temperature",
         f"Identified from {source}.",
+        plot=lambda to: friction_over_temperature(report.axes, to, report.torque_unit, source),
         model=model,
         notes=given.log_notes,
     )
@@ -101,7 +103,7 @@ OPTIONS: Options = {
     **bag_options(required=False),
     **flags(IdentifyOptions, "share_shape"),
     **SENSOR_OPTIONS,
-    **result_options("this friction"),
+    **result_options("this friction", "draw points and laws (.png, .svg, .pdf)"),
     "from a log of single-joint motions, without a model (relative figures)": LOG,
     "test on temperatures that the fit has not seen": {
         "--train LOW:HIGH": ("[degC], one may be empty", {"type": _span}),

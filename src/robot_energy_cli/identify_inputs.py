@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,9 +63,10 @@ def bag_options(
     }
 
 
-def result_options(what: str) -> Options:
+def result_options(what: str, plot: str = "") -> Options:
     """Return what can be written."""
-    return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS}
+    figure = {"--plot FILE": plot} if plot else {}
+    return {"--out FILE": f"write the model with {what}", **TABLE_OUTPUTS, **figure}
 
 
 class IdentifyInputs:
@@ -166,13 +168,14 @@ class IdentifyInputs:
         self.log_notes += clock.notes
         return blocks, mapping.joints.names
 
-    def bags(self) -> BagSource:
+    def bags(self, bags: Sequence[str | Path] | None = None) -> BagSource:
         """Return the recordings, and how they are read."""
         from robot_energy_identify.api.bag_source import BagSource
 
         effort, robot = getattr(self.args, "effort", None), getattr(self.args, "robot", None)
         sensors = self.sensor_limits() if hasattr(self.args, "meter_class") else None
-        return BagSource(self.args.bags, effort, self.args.inputs, robot, progress, sensors)
+        used = self.args.bags if bags is None else bags
+        return BagSource(used, effort, self.args.inputs, robot, progress, sensors)
 
     def names(self) -> str:
         """Return the names of the recordings, for the model file."""

@@ -17,8 +17,6 @@ from argparse import (
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import cache
-from importlib.metadata import entry_points
 from io import TextIOWrapper
 from textwrap import wrap
 from types import FrameType
@@ -27,7 +25,7 @@ from typing import Any, NoReturn, cast
 from robot_energy import __version__
 from robot_energy.foundation.errors import KindError, RobotEnergyError
 from robot_energy.foundation.extras import is_ours, missing
-from robot_energy.foundation.kinds import LIKELY, load_kinds
+from robot_energy.foundation.kinds import LIKELY, installed, load_kinds
 from robot_energy.foundation.shown_text import shown_lines
 from robot_energy.foundation.stopping import DEFAULTS, End
 from robot_energy_cli import completion
@@ -202,7 +200,13 @@ def _parser() -> Parser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+<<<<<<< HEAD
     for command in (*COMMANDS, *_further(), completion.COMMAND):
+=======
+    # Those of other packages, such as that of the papers, by the entry points they declare.
+    further = [entry.load() for entry in installed(ENTRY_POINTS)]
+    for command in (*COMMANDS, *further, completion.COMMAND, HELP):
+>>>>>>> main
         command.add_parser(commands)
     return parser
 
@@ -214,9 +218,19 @@ def _further() -> tuple[Command, ...]:
 
 
 def _run_help(args: Namespace) -> int:
-    del args
-    _parser().print_help()
+    try:
+        _parser().parse_args([*getattr(args, "words", ()), "--help"])
+    except SystemExit as exit_:
+        return exit_.code if isinstance(exit_.code, int) else REFUSED
     return DONE
+
+
+HELP = Command(
+    "help",
+    "show the help of a command",
+    _run_help,
+    {"words COMMAND": ("and its subject, if any", {"nargs": "*"})},
+)
 
 
 class Stopped(KeyboardInterrupt):

@@ -24,7 +24,6 @@ INIT: Options = {
 
 
 def _run_list(args: Namespace) -> int:
-    del args
     from robot_energy.model import load, shipped_models
     from robot_energy.results.base import count_tags
     from robot_energy_report.formats import tags_text
@@ -105,6 +104,12 @@ def _run_init(args: Namespace) -> int:
     return 0
 
 
+def _group(name: str, text: str, description: str) -> Group:
+    """One of the two names; both have all actions."""
+    listing = "list", "list shipped models (default)", _run_list
+    return Group(name, text, description, "actions", "ACTION", lambda: ACTIONS, listing)
+
+
 ACTIONS = (
     Command(
         "check",
@@ -131,15 +136,10 @@ ACTIONS = (
         "friction, drives and cabinet are assumed, scaled from the limits in its URDF.",
     ),
 )
-LIST = Command(
-    "models", "list the shipped models", _run_list, {}, "List the models that come with the tool."
-)
-MODEL = Group(
+LIST = _group("models", "list the shipped models", "List the models that come with the tool.")
+MODEL = _group(
     "model",
     "check a model file; begin one from a URDF; its schema",
     "Check a model file (model check), begin one from a URDF (model init), or print the schema "
     "of model files.",
-    "actions",
-    "ACTION",
-    lambda: ACTIONS,
 )

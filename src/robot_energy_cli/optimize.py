@@ -37,6 +37,7 @@ OPTIONS: Options = {
     "output": {
         "--out FILE": "write the chosen program in the form of the given one",
         **OUTPUTS,
+        "--plot FILE": "draw savings and trade-offs: png, svg, pdf",
     },
 }
 
@@ -44,6 +45,7 @@ OPTIONS: Options = {
 def _run(args: Namespace) -> int:
     from robot_energy.foundation.files.placement import all_or_none
     from robot_energy_plan.api.optimize import optimize
+    from robot_energy_report.optimization import measures_and_front
 
     check_outputs(args, [args.program, args.model, args.rest_states, *args.level])
     with progress(f"{args.program}: every move in every way") as show:
@@ -62,6 +64,7 @@ def _run(args: Namespace) -> int:
             "A program as it is and as chosen, through the model of the robot. "
             "Nothing in this report was measured.",
             "the chosen program",
+            lambda path: measures_and_front(found.report, path),
         )
     return 0
 

@@ -55,7 +55,7 @@ OPTIONS: Options = {
     ),
     **flags(PredictOptions, ""),
     "--topic NAME": "of the JointTrajectory in a bag",
-    "output": OUTPUTS,
+    "output": {**OUTPUTS, "--plot FILE": "draw energy and power: png, svg or pdf"},
     "G-code and shapes": tool_table(several=True),
     "shapes\nan STL file is cut into layers; no infill": {
         "--layer-height MM": "default 10 mm",
@@ -68,6 +68,7 @@ OPTIONS: Options = {
 
 def _run(args: Namespace) -> int:
     from robot_energy_plan.results.prediction import PredictionsReport
+    from robot_energy_report.prediction import energy_and_power, labels
 
     check_outputs(args, [*args.program, *args.model])
     count = len(args.program) * len(args.model) * len(args.temperature)
@@ -81,6 +82,7 @@ def _run(args: Namespace) -> int:
         "Predicted energy",
         "Motion programs before they are run, through the models of the robots. "
         "Nothing in this report was measured.",
+        plot=lambda to: energy_and_power(results, [run.energy for run in runs], labels(runs), to),
         results=results,
     )
     return 0

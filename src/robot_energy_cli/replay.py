@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robot_energy.foundation.errors import PageError
+from robot_energy.foundation.errors import PageError, ReportError
 from robot_energy.foundation.process_memory import keep_freed_memory
 from robot_energy.replay.options import OUTPUTS as WRITTEN
 from robot_energy.replay.options import ReplayOptions
@@ -47,6 +47,7 @@ OPTIONS: Options = {
     "outputs": {
         **flags(ReplayOptions, WRITTEN),
         **JSON_OPTION,
+        "--plot FILE": "draw power and energy over time (.png, .svg, .pdf)",
         "--report FILE": "write tables and figures as one file: .html, or .pdf where a Chromium "
         "is installed",
     },
@@ -74,7 +75,7 @@ def _run(args: Namespace) -> int:
     examples:
       robot-energy replay bag --model kr16
       robot-energy replay bag --model my_robot.yaml --out bag_energy --json energy.json
-      robot-energy replay bag --robot ur5e --compare --report page.html
+      robot-energy replay bag --robot ur5e --compare --plot power.png --report page.html
       robot-energy replay bag --model ur3e --compare 20 --temperatures /driver/temperatures
       robot-energy replay bag --model my_robot.yaml --inputs energy_monitor.yaml
       robot-energy replay bag --model kr16 --effort motor_torque
@@ -91,7 +92,7 @@ def _run(args: Namespace) -> int:
     inputs = [args.bag, model_named(args), args.inputs, args.jobs, args.page_settings]
     check_outputs(args, inputs)
     if args.out is not None:
-        check_bag(args.out, args.overwrite, inputs, (args.json, args.report))
+        check_bag(args.out, args.overwrite, inputs, (args.json, args.plot, args.report))
     if args.page_settings is not None and not args.serve and args.report is None:
         raise PageError("--page-settings was given alone", "--serve or --report FILE")
     if args.port is not None and not args.serve:
@@ -112,7 +113,7 @@ def _run(args: Namespace) -> int:
         take.append(page.take)
         if args.power_period is None and args.out is None:
             written["power_period"] = page.period
-    kept = args.report is not None
+    kept = args.plot is not None or args.report is not None
     with all_or_none():
         results = [replayed(args, args.bag, model, take, kept, written)]
         changes, second = [change], None
@@ -130,6 +131,7 @@ def _run(args: Namespace) -> int:
             report,
             f"Where the energy went: {report.model.robot}",
             made="bag",
+            plot=lambda path: _plot(path, results, changes),
             curves=curves,
             settings=settings,
         )
@@ -220,6 +222,22 @@ def _serve(args: Namespace, page: RecordedPage) -> None:
             time.sleep(3600.0)
     finally:
         server.close()
+
+
+def _plot(path: str, results: list[Replay], changes: list[str | None]) -> None:
+    from robot_energy.timeline.blocks import MeterLocation
+    from robot_energy_report.replay_figures import curves_of, power_and_energy
+
+    first = results[0]
+    curves = curves_of(results, changes)
+    if not curves:
+        raise ReportError(f"{first.bag} gave no two samples in a row", "something to plot")
+    measured = curves[0].role == "measured"
+    at_bus = measured and first.account.comparison.location is MeterLocation.DC_BUS
+    title = f"{first.model.robot.type}, model {first.model.model_id}, {Path(first.bag).name}"
+    if first.origin:
+        title = f"{title}\n{first.origin}"
+    power_and_energy(curves, path, title, "the DC bus" if at_bus else "the grid")
 
 
 COMMAND = Command.of(_run.__doc__, _run, OPTIONS)

@@ -30,7 +30,7 @@ def _run(args: Namespace) -> int:
 
     Write one report, a single HTML or PDF file: where the energy went, predicted against measured,
     joints, temperatures and friction, phases, data quality, model. From recorded bags with the
-    model of their robot; or from the JSON of `replay`, then without figures over time.
+    model of their robot; or from the JSON of `replay` or `predict`, then without figures over time.
     Several recordings come in order of time: totals, one row each, and how error and power change.
     For robots with models of their own, give the JSON that `replay` wrote for each.
 
@@ -41,10 +41,12 @@ def _run(args: Namespace) -> int:
       robot-energy report left.json right.json --out page.html
     """
     from robot_energy_cli.result_schema import read_result
+    from robot_energy_plan.results.prediction import PredictionsReport
     from robot_energy_report.document import Document
     from robot_energy_report.headline import headline
     from robot_energy_report.html import write_page
     from robot_energy_report.page.settings import load_settings
+    from robot_energy_report.prediction import prediction_document
     from robot_energy_report.recordings import recordings_document
 
     names = (args.model, args.inputs, args.jobs, args.page_settings)
@@ -60,10 +62,16 @@ def _run(args: Namespace) -> int:
             replays.append((report, curves))
             damage += problems
             continue
-        replays.append((read_result(source), None))
-    robots = sorted({report.model.robot for report, _ in replays})
-    page.title = f"Where the energy went: {', '.join(robots)}"
-    recordings_document(replays, page, settings)
+        result = read_result(source)
+        if isinstance(result, PredictionsReport):
+            page.title = "Predicted energy"
+            prediction_document(result, page)
+        else:
+            replays.append((result, None))
+    if replays:
+        robots = sorted({report.model.robot for report, _ in replays})
+        page.title = f"Where the energy went: {', '.join(robots)}"
+        recordings_document(replays, page, settings)
     sign(args, page)
     write_page(page, args.out)
     out = console()

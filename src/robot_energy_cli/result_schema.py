@@ -66,6 +66,7 @@ RESULTS: dict[str, type[Result]] = {
         FleetFriction,
     )
 }
+READABLE = (ReplayReport, PredictionsReport)  # that a page is made from
 MAX_JSON_BYTES = 100_000_000
 REFERENCE = re.compile(r'"#/\$defs/(\w+)"')
 LOOSE = ConfigDict(arbitrary_types_allowed=True)  # arrays
@@ -152,25 +153,29 @@ class _Generator(GenerateJsonSchema):
         }
 
 
-def read_result(path: str | Path) -> ReplayReport:
-    """Return the result of a replay from its JSON."""
+def read_result(path: str | Path) -> ReplayReport | PredictionsReport:
+    """Return a result of a command from its JSON."""
     place = f"'{shown(str(path))}'"
     try:
         data = json.loads(read_regular(path, MAX_JSON_BYTES))
     except OSError as error:
-        raise ReportError(f"{place} cannot be read ({error.strerror})", "JSON of replay") from error
+        raise ReportError(
+            f"{place} cannot be read ({error.strerror})", "JSON of replay or predict"
+        ) from error
     except (ValueError, RecursionError) as error:
-        raise ReportError(f"{place} is no JSON", "JSON of replay") from error
+        raise ReportError(f"{place} is no JSON", "JSON of replay or predict") from error
+    known = {kind.NAME: kind for kind in READABLE}
     given = cast("dict[str, Any]", data) if isinstance(data, dict) else {}
-    if given.get("result") != ReplayReport.NAME or given.get("schema_version") != SCHEMA_VERSION:
+    kind = known.get(str(given.get("result")))
+    if kind is None or given.get("schema_version") != SCHEMA_VERSION:
         found = f"result {given.get('result')!r}, schema_version {given.get('schema_version')!r}"
         raise ReportError(
             f"{place} holds {shown(found)}",
-            f"result {ReplayReport.NAME}, schema_version {SCHEMA_VERSION}",
+            f"result {' or '.join(known)}, schema_version {SCHEMA_VERSION}",
             "write it again with --json",
         )
     try:
-        return TypeAdapter(ReplayReport).validate_python(given)
+        return TypeAdapter(kind).validate_python(given)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))

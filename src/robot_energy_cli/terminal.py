@@ -15,6 +15,7 @@ from robot_energy.foundation.files.output_files import (
     HTML,
     JSON,
     PDF,
+    PICTURE,
     STANDARD_OUTPUT,
     TEXT,
     FileKind,
@@ -40,6 +41,7 @@ WIDTH = 100  # columns, where there is no terminal
 _FILES: dict[str, tuple[tuple[FileKind, ...], str]] = {
     "json": (JSON, "the JSON report"),
     "report": ((*HTML, *PDF), "the report"),
+    "plot": (PICTURE, "the figure"),
 }
 
 
@@ -93,6 +95,10 @@ def check_outputs(
     args: Namespace, inputs: Iterable[str | None] = (), model: str | None = None
 ) -> None:
     """Refuse the output files that a command has, before the work that they are for."""
+    if getattr(args, "plot", None) is not None:
+        from robot_energy_report.canvas import check_format
+
+        check_format(Path(args.plot))
     known = [name for name in inputs if name]
     if getattr(args, "report", None) is not None:
         check_report(args.report, known)
@@ -144,24 +150,32 @@ def present(
     title: str = "",
     lead: str = "",
     made: str = "model file",
+    plot: Callable[[str], object] | None = None,
     model: RobotModel | None = None,
     notes: Sequence[str] = (),
     **words: Any,
 ) -> None:
-    """Write JSON and page where they were asked for, put all in place, and print."""
+    """Write JSON, page and figure where they were asked for, put all in place, and print."""
     from robot_energy.model import save
     from robot_energy_report.document import document_of
     from robot_energy_report.printing import print_document
 
     page = document_of(result, title, lead, **words)
     page.notes(notes)
-    kinds = {"out": made, "json": "all figures as JSON", "report": "report"}
+    kinds = {
+        "out": made,
+        "json": "all figures as JSON",
+        "report": "report",
+        "plot": "figure",
+    }
     files = {name: getattr(args, name, None) for name in kinds}
     with all_or_none():
         if files["json"] is not None:
             write_json(files["json"], result.to_dict())
         if files["out"] is not None and model is not None:
             save(model, files["out"])
+        if files["plot"] is not None and plot is not None:
+            plot(files["plot"])
         if files["report"] is not None:
             from robot_energy_report.html import write_page
 
@@ -175,14 +189,16 @@ def present(
     for name, what in kinds.items():
         path = files[name]
         if path is not None:
-            wrote(out, path, what)
+            drawn = plot is not None or name != "plot"
+            wrote(out, path, what if drawn else "no figure, since there is nothing to draw", drawn)
 
 
-def wrote(out: Console, path: str | Path, what: str) -> None:
+def wrote(out: Console, path: str | Path, what: str, done: bool = True) -> None:
     """Say what was written, the path as it is."""
     from rich.text import Text
 
-    out.print(Text(f"wrote {shown(str(path))}: {what}"), soft_wrap=True)
+    verb = "wrote" if done else "did not write"
+    out.print(Text(f"{verb} {shown(str(path))}: {what}"), soft_wrap=True)
 
 
 def sign(args: Namespace, page: Document) -> None:

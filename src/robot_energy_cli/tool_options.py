@@ -25,7 +25,7 @@ def tool_table(several: bool = False) -> Options:
             f"the vertical axis [deg]{each}",
             words,
         ),
-        f"{START_POSITION} Q,Q,...": (
+        f"{START_POSITION}{'/--start' if several else ''} Q,Q,...": (
             "joint positions near the first one [rad or m], which decide elbow and wrist"
             f"{each} (default: middle of the ranges, bent)",
             words,

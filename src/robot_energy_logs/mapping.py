@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -184,7 +185,9 @@ class LogMapping(MappingEntry):
         files = [group.file for _, group in self.joints.quantities() if group.file]
         several = self.recordings is not None
         if any(several != (PLACE in file) for file in files) or (several and not self.in_folder):
-            raise ValueError(f"recordings together with {PLACE} in every file name, or neither")
+            raise ValueError(
+                f"recordings (or --recordings) together with {PLACE} in every file name, or neither"
+            )
         if self.recordings is not None and len(set(self.recordings)) < len(self.recordings):
             raise ValueError("every name of recordings once")
         return self
@@ -219,9 +222,11 @@ class LogMapping(MappingEntry):
         return Drivetrain(matrix, np.zeros(len(names)))
 
 
-def load_mapping(path: str | Path) -> LogMapping:
+def load_mapping(path: str | Path, recordings: Sequence[str] = ()) -> LogMapping:
     """Return the validated mapping of a log."""
     remedy = "see src/examples/mappings and src/examples/identify"
     text = read_text(path, LogFormatError, "mapping", remedy=remedy)
     data = parse_yaml(text, str(path), LogFormatError)
+    if recordings and isinstance(data, dict):
+        data = {**cast("dict[str, Any]", data), "recordings": list(recordings)}
     return validated(data, LogMapping, str(path), LogFormatError)

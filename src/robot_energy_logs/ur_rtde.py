@@ -50,18 +50,20 @@ def import_ur_rtde(
     out: str | Path,
     joint_names: Sequence[str] = UR_JOINTS,
     overwrite: bool = False,
+    link: str = UR_LINK,
 ) -> ImportReport:
     """Turn UR RTDE recordings into one bag.
 
     Positions and velocities become ``/joint_states`` with the motor currents [A] as its
     effort, joint temperatures ``/motor_temperatures``, and robot voltage times current
-    ``/power_meter``: instantaneous, on the DC bus; the payload of the tool flange becomes
-    ``/energy/payload`` at each change. Stamps follow the controller's clock
+    ``/power_meter``: instantaneous, on the DC bus. Stamps follow the controller's clock
     ``timestamp``; where ``time`` or ``_id`` holds a wall clock, its first entry says when
     the recording started, taken as UTC.
 
     Args:
         logs: Files of one recording, joined in the order of their time.
+        link: Link of the URDF that is the tool flange, whose payload becomes
+            ``/energy/payload`` at each change.
 
     Returns:
         What was written, and the account of every row.
@@ -79,7 +81,7 @@ def import_ur_rtde(
             "time": {"column": CLOCK},
             "joints": {"names": names, "keys": keys, **COLUMNS},
             "power": SUPPLY,
-            "payload": {**PAYLOAD, "link": UR_LINK},
+            "payload": {**PAYLOAD, "link": link},
         }
     )
     for log in logs:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from robot_energy_plan.prediction import START_NS, Prediction
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
@@ -40,6 +41,23 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
         _curves(figure.subplots(), results, labels)
 
 
+<<<<<<< HEAD
+=======
+def energy_and_power(
+    results: Sequence[Prediction],
+    energies: Sequence[EnergyBreakdown],
+    labels: Sequence[str],
+    path: Target,
+) -> None:
+    """Draw energies above powers."""
+    bars = 0.9 + BAR * len(energies)
+    with canvas(path, (8.0, bars + 3.2), "predicted energy and power from the grid") as figure:
+        axes: Any = figure.subplots(2, 1, height_ratios=[bars, 3.2])
+        add_bars(axes[0], energies, labels)
+        _curves(axes[1], results, labels)
+
+
+>>>>>>> main
 def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) -> None:
     longest = max(result.duration for result in results)
     unit, second = ("min", MINUTE) if longest > MAX_TIME_IN_SECONDS else ("s", 1.0)

@@ -31,7 +31,6 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError, Robot
 from robot_energy.model import RobotModel, load
 from robot_energy_cli.main import main as command
 from robot_energy_identify.refused_recordings import bodies_known
-from robot_energy_logs.ur_rtde import import_ur_rtde
 from robot_energy_report.printing import table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -85,14 +84,12 @@ def rig(folder: Path, robots: list[str], quick: bool) -> Iterator[tuple[str, Pat
         yield "kr16", ROOT / "bags" / name
 
 
-def real(folder: Path) -> dict[str, list[str]]:
+def real() -> dict[str, list[str]]:
     """Identifications of real recordings, by name; empty without the data."""
     data = Path(os.environ.get("ROBOT_ENERGY_DATA", "/nonexistent"))
     if not data.is_dir():
         return {}
-    maps, bags = EXAMPLES / "mappings", []
-    for log in sorted((data / "rad_ur3e").glob("L*.csv")):
-        bags.append(import_ur_rtde([log], folder / log.stem).bag)
+    maps, logs = EXAMPLES / "mappings", sorted(map(str, (data / "rad_ur3e").glob("L*.csv")))
     xarm = str(data / "xarm6_j3" / "no_payload.csv.gz")
     voraus = str(data / "voraus" / "test.parquet")
     return {
@@ -104,7 +101,7 @@ def real(folder: Path) -> dict[str, list[str]]:
             "--mapping", str(EXAMPLES / "identify" / "tx40.yaml")],
         "xArm 6 friction": [
             "friction", "--log", xarm, "--mapping", str(maps / "xarm6_joint3.yaml")],
-        "UR3e drives": ["drives", *bags, "--model", "ur3e"],
+        "UR3e drives": ["drives", *logs, "--ur-rtde", "--model", "ur3e"],
         "Yu-Cobot drives": ["drives", "--log", voraus, "--mapping", str(maps / "voraus.yaml")],
     }  # fmt: skip
 
@@ -131,7 +128,7 @@ def main() -> int:
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for label, words in ({} if args.quick else real(folder)).items():
+        for label, words in ({} if args.quick else real()).items():
             note("sound", words, False, f"real: {label}")
         for robot, bag in rig(folder, args.robots, args.quick):
             model = load(robot)

@@ -39,9 +39,9 @@ from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.friction.friction import fit_friction
 from robot_energy_identify.friction.laws import fit_law, nuisance
 from robot_energy_identify.friction.samples import friction_data_of_log, moving_samples
+from robot_energy_logs.log_formats import LOG_FORMATS
 from robot_energy_logs.log_import import open_logs
 from robot_energy_logs.mapping import load_mapping
-from robot_energy_logs.ur_rtde import import_ur_rtde
 from robot_energy_rig import RigConfig, random_profile
 from robot_energy_studies.band_coverage import DrawnRig, Recorded
 from robot_energy_studies.ecbot import EXAMPLES, WITHOUT, cobot_data
@@ -91,12 +91,14 @@ def ur3e(folder: Path) -> Iterator[LeftOut]:
     Args:
         folder: With ``L*.csv``.
     """
+    model, recording = load("ur3e"), LOG_FORMATS["ur-rtde"].recording
+    assert recording is not None
     with TemporaryFolder() as scratch:
         bags = [
-            import_ur_rtde([file], scratch.path / file.stem).bag
+            recording(str(file), scratch.path / file.stem, model.joint_names).bag
             for file in sorted(folder.glob("L*.csv"))
         ]
-        yield from energies("UR3e", [Path(bag) for bag in bags], load("ur3e"))
+        yield from energies("UR3e", [Path(bag) for bag in bags], model)
 
 
 def yu_cobot(file: Path) -> Iterator[LeftOut]:

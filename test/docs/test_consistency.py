@@ -74,7 +74,7 @@ def test_the_workflow_is_clean():
 DOTTED = re.compile(r"\b(robot_energy(?:_[a-z]+)?|ros2_energy_monitor)((?:\.\w+)+)")
 # Files named in a text: a folder, a slash, and a Python file.
 FILE = re.compile(r"(?<![\w./~{*-])((?:[\w.-]+/)+[\w-]+\.(?:py|md|yaml|gcode))\b")
-NOT_NAMES = ("commands",)  # groups of entry points
+NOT_NAMES = ("commands", "kinds")  # groups of entry points
 
 
 @cache

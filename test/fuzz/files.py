@@ -29,9 +29,9 @@ NAMES = (
 )  # fmt: skip
 NO_INPUTS = ("/dev/full", "-")  # what only an output may be
 COMMANDS = (
-    (("replay",), ("--model",), ("--json", "--report", "--out")),
-    (("import", "table"), ("--mapping",), ("--out",)),
-    (("model", "check"), (), ("--json",)),
+    (("replay",), ("--model",), ("--json", "--plot", "--out")),
+    (("import", "csv"), ("--mapping",), ("--out",)),
+    (("models", "check"), (), ("--json",)),
 )
 GIVEN = (("bag", "wheel.yaml"), ("wheel.csv", "map.yaml"), ("wheel.yaml",))
 DONE, REFUSED, DAMAGED = 0, 2, 3

@@ -196,7 +196,10 @@ class PowerDeviation:
             np.hypot(drive, held, out=drive)
         carried = figures.payload_share
         if self._payload_mass > 0:
-            carried = carried * np.minimum(payload_mass / self._payload_mass, 1.0)[:, None]
+            part = payload_mass / self._payload_mass
+            if figures.with_payload:  # only what was put down or added since errs by itself
+                part = np.abs(1.0 - part)
+            carried = carried * np.minimum(part, 1.0)[:, None]
         table = np.empty((6, n_joints, size))
         table[0], table[2] = rigid_power.T, shaft.T
         np.multiply(rigid_power, carried, out=table[1].T)

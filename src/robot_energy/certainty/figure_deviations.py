@@ -28,6 +28,9 @@ FORM_AT_REST = 0.1
 """What the form of the losses that flow all the time leaves out (fans), over these losses. [-]"""
 PROBES = 200  # random motions that weigh the payload against the bodies
 BODY_TAGS = ("masses", "centres_of_mass", "inertias")
+TORQUE_TAG = "torque"
+"""Of the torque of bodies and payload together, which `identify dynamics` finds where single masses
+remain derived."""
 
 DriveDeviation = Callable[[Float, Float, Float], Float]
 """Speed without sign, torque and drive loss, shape (N, n) each -> deviation of the loss. [W]"""
@@ -50,6 +53,8 @@ class FigureDeviations:
         bodies: Of the rigid-body power, as a share of it. [-]
         payload: Of the part of it that the payload takes, as a share of that. [-]
         payload_share: That part, see `payload_shares`, shape (n,). [-]
+        with_payload: Whether the bodies were found with the payload on the robot: what is wrong
+            with it is then taken back by the bodies, as long as the robot carries it.
         drive_share: Of the losses of the drives, whose figures have none of their own, over these;
             of drives without losses over the shaft power. [-]
         loss_dc: Of the constant loss on the DC side. [W]
@@ -76,8 +81,10 @@ class FigureDeviations:
         self.coulomb = np.asarray(
             [figure_std(joint.friction.coulomb, "coulomb") for joint in model.joints]
         )
-        bodies: list[Tag] = list(model.urdf.tags.get(name, "assumed") for name in BODY_TAGS)
-        self.bodies = relative_std("bodies", least_known(bodies))
+        tags = model.urdf.tags
+        self.with_payload = TORQUE_TAG in tags
+        bodies: list[Tag] = [tags.get(name, "assumed") for name in BODY_TAGS]
+        self.bodies = relative_std("bodies", tags.get(TORQUE_TAG, least_known(bodies)))
         carried: list[Tag] = [body.tag for body in model.payload]
         self.payload = relative_std("payload", least_known(carried))
         self.payload_share = payload_shares(model)

@@ -11,6 +11,8 @@ import importlib.util
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar
@@ -18,6 +20,7 @@ from typing import Any, Generic, TypeVar
 from robot_energy.foundation.errors import KindError
 
 LIKELY = 0.6  # likeness of two words from which one may be a misspelling of the other
+GROUP = "robot_energy.kinds"  # of entry points: modules that register kinds when imported
 VARIABLE = "ROBOT_ENERGY_KINDS"  # of the environment: files that register kinds
 
 
@@ -97,12 +100,26 @@ class Kinds(dict[str, K], Generic[K]):
 
 
 def load_kinds() -> None:
-    """Run the files that the environment variable `VARIABLE` lists, each once."""
+    """Import what registers kinds of the user, each once.
+
+    These are the modules of the entry points of `GROUP` and the files that the environment
+    variable `VARIABLE` lists.
+    """
+    for entry in installed(GROUP):
+        entry.load()
     for text in filter(None, os.environ.get(VARIABLE, "").split(os.pathsep)):
         path = Path(text).resolve()
         if path not in _loaded:
             _run(path)
             _loaded.add(path)
+
+
+def installed(group: str) -> EntryPoints:
+    """Return what the installed packages declare, read once: that takes 30 ms."""
+    return _entry_points().select(group=group)
+
+
+_entry_points = cache(entry_points)
 
 
 _loaded: set[Path] = set()

@@ -14,8 +14,8 @@ from robot_energy.replay.bag_replay import LONGER_WINDOW
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence, velocity_noise
+from robot_energy_identify.check.field_lag import field_lag
 from robot_energy_identify.check.finding import ERROR, MODEL, WARNING, Finding, unjudged
-from robot_energy_identify.check.lateness import lateness
 
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
@@ -134,7 +134,7 @@ def _late(evidence: Evidence) -> Iterator[Finding]:
     if evidence.derived or evidence.remarks.repeating:
         return
     steps = [_change(evidence, joint) for joint in range(len(evidence.names))]
-    lag = lateness(steps[0].middle, [(one.change[:, None], one.velocity) for one in steps], LATE)
+    lag = field_lag(steps[0].middle, [(one.change[:, None], one.velocity) for one in steps], LATE)
     if lag:
         where = "behind" if lag > 0.0 else "ahead of"
         yield Finding(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robot_energy.certainty.figure_deviations import BODY_TAGS, TORQUE_TAG
 from robot_energy.foundation.errors import check_shape
 from robot_energy.model import RobotModel
 from robot_energy.model.schema import Urdf
@@ -19,7 +20,7 @@ from robot_energy_identify.dynamics.torque_model import Estimate
 from robot_energy_identify.provenance import identified_from
 
 SOURCE = "identify dynamics"  # of its figures
-IDENTIFIED_TAGS = {"masses": "derived", "centres_of_mass": "derived", "inertias": "derived"}
+IDENTIFIED_TAGS = {**dict.fromkeys(BODY_TAGS, "derived"), TORQUE_TAG: "identified"}
 
 
 def to_model(result: Dynamics, recordings: Sequence[str] = ()) -> RobotModel:

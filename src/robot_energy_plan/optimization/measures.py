@@ -138,6 +138,9 @@ MEASURES: Kinds[Measure] = Kinds(
     ),
 )
 
+register_measure = MEASURES.register
+"""Add a measure of yours."""
+
 
 class Tried(Described):
     """What one measure gives."""

@@ -24,6 +24,7 @@ def test_outputs_are_checked_before_the_work(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command = ("replay", tmp_path / "no bag", "--model", "kr16")
+    assert "no known format" in refused(capsys, *command, "--plot", tmp_path / "a.bmp")
     assert "there is no folder" in refused(capsys, *command, "--json", tmp_path / "no" / "a")
     assert "a folder" in refused(capsys, *command, "--json", tmp_path)
     assert "the input" in refused(capsys, *command, "--out", tmp_path / "no bag")
@@ -33,7 +34,7 @@ def test_import_reports_every_bad_row(tmp_path: Path, capsys: pytest.CaptureFixt
     log = write_csv(tmp_path / "l.csv", "t,q_axle,w_axle,p", ["1,0,0,5", "2,x,0,5", "3,0,0,"])
     file = tmp_path / "m.yaml"
     file.write_text(json.dumps(WHEEL_MAPPING))  # JSON is YAML
-    args = ["import", "table", str(log), "--mapping", str(file), "--out", str(tmp_path / "b")]
+    args = ["import", "csv", str(log), "--mapping", str(file), "--out", str(tmp_path / "b")]
     assert main(args) == 0
     text = capsys.readouterr().out
     assert "3 rows, 2 used, rejected: 1 not numeric (first at line 3, where q_axle is 'x')" in text
@@ -55,7 +56,7 @@ def test_models_are_listed_and_checked(capsys: pytest.CaptureFixture[str]) -> No
     summary = json.loads(capsys.readouterr().out)
     assert summary["figures"]["assumed"] > 0
     assert summary["moving_mass"] > summary["payload_mass"] > 0
-    assert main(["model", "check", "ur3e"]) == 0
+    assert main(["models", "check", "ur3e"]) == 0
     assert "locked joints" in capsys.readouterr().out
 
 
@@ -64,7 +65,7 @@ def test_a_folder_of_the_same_name_does_not_hide_a_shipped_model(
 ) -> None:
     (tmp_path / "ur3e").mkdir()
     monkeypatch.chdir(tmp_path)
-    assert main(["model", "check", "ur3e"]) == 0
+    assert main(["models", "check", "ur3e"]) == 0
     capsys.readouterr()
 
 
@@ -78,6 +79,8 @@ def test_simulate_records_a_bag_that_replays(
     text = capsys.readouterr().out
     assert "Predicted and measured" in text
     assert "origin" in text  # results on the rig are labelled so
+    assert main(["info", bag]) == 0
+    assert "origin: virtual" in capsys.readouterr().out
     assert "seed" in refused(capsys, "simulate", "--out", tmp_path / "x", "--seed", "-1")
 
 

@@ -32,8 +32,8 @@ def wall(tmp_path):
 
 
 def test_one_wall_by_three_robots_side_by_side(tmp_path, capsys, wall):
-    outputs = [tmp_path / name for name in ("p.json", "p.html")]
-    options = [f"--{kind}={path}" for kind, path in zip(("json", "report"), outputs,
+    outputs = [tmp_path / name for name in ("p.json", "p.html", "p.svg")]
+    options = [f"--{kind}={path}" for kind, path in zip(("json", "report", "plot"), outputs,
                                                          strict=True)]  # fmt: skip
     assert run(wall, *ROBOTS, "--temperature", "40", *options) == 0
     out = capsys.readouterr().out
@@ -56,6 +56,7 @@ def test_one_wall_by_three_robots_side_by_side(tmp_path, capsys, wall):
     assert html.count("<figure>") == 2
     assert "predict" in html
     assert "--base=-1.2,-0.2,0" in html
+    assert outputs[2].read_text().startswith("<?xml")
 
 
 def test_moves_at_two_temperatures(tmp_path, capsys):
@@ -103,6 +104,7 @@ def test_json_alone_on_standard_output(capsys):
         (["--temperature", "20", "--payload", "-3"], "payload"),
         (["--temperature", "20", "--payload", "3@nowhere"], "nowhere"),
         (["--temperature", "20", "--payload", "3,1"], "--payload is '3,1'"),
+        (["--temperature", "20", "--plot", "a.txt"], "no known format"),
         (["--temperature", "20", "--report", "/nowhere/a.html"], "there is no folder"),
         (["--temperature", "20", "--model", "kr16", "--base", "0,0,0", "--base", "1,0,0",
           "--base", "2,0,0"], "--base was given 3 times"),

@@ -15,6 +15,7 @@ from places import ROOT
 from robot_energy_cli import main
 
 BAG, WARM = str(ROOT / "bags/kr16_cold"), str(ROOT / "bags/kr16_warm")
+MOVES = str(ROOT / "src/examples/programs/kr16_pick_and_place.yaml")
 SECTIONS = [
     "Where the energy went", "Predicted against measured", "How sure", "Joints",
     "Temperatures and friction", "Phases", "Conditions, cycles and states", "Data quality",
@@ -128,6 +129,14 @@ def test_a_page_of_json_says_the_same_without_curves(tmp_path, capsys):
     own = set(read(page).cells)
     assert {cell for cell in read(plain).cells if cell.startswith("joint_")} <= own
     assert any("fixed at 60 °C" in cell for cell in own)
+
+
+def test_a_page_of_predictions_in_json(tmp_path, capsys):
+    words = ("predict", MOVES, "--model", "kr16", "--temperature", "20", "--temperature", "60")
+    assert main([*words, "--json", str(tmp_path / "x.json")]) == 0
+    page = page_of(tmp_path, str(tmp_path / "x.json"))
+    assert headings(page, 2)[0] == "Side by side"
+    assert page.count("<figure>") == 1
 
 
 def test_a_bag_without_meter_and_temperatures(tmp_path, capsys):

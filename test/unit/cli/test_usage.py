@@ -15,7 +15,7 @@ AT = ("--model", "kr16", "--temperature", "20")
 BAGS, URDF = ROOT / "bags", ROOT / "src/robot_energy/models/ur5e.urdf"
 
 
-@pytest.mark.parametrize("words", [[], ["--help"]])
+@pytest.mark.parametrize("words", [[], ["help"], ["--help"]])
 def test_the_command_alone_prints_its_help(words, capsys):
     assert main(words) == 0
     out, err = capsys.readouterr()
@@ -91,10 +91,16 @@ def test_an_option_names_its_value_alike_in_all_commands(option):
     assert None not in names
 
 
+def test_help_of_a_subject(capsys):
+    assert main(["help", "identify", "dynamics"]) == 0
+    assert capsys.readouterr().out.startswith("usage: robot-energy identify dynamics ")
+
+
 @pytest.mark.parametrize(
     ("words", "who", "said"),
     [
         (["repaly", "bag"], "robot-energy", "no command 'repaly'; did you mean replay?"),
+        (["help", "repaly"], "robot-energy", "did you mean replay?"),
         (["fly"], "robot-energy", "no command 'fly'; choose from replay, report,"),
         (["predict", "p", "--modle", "kr16"], "robot-energy predict", "did you mean --model?"),
         (["predict", "p", "--modle=kr16"], "robot-energy predict", "no option --modle;"),

@@ -149,7 +149,7 @@ def test_a_recording_that_goes_on_is_one_bag_of_one_robot(tmp_path, capsys):
     assert "1 bag: 1 replayed, 0 there already, 0 refused, 1 damaged or doubtful" in said
     assert f"damaged or doubtful: {recording}: run7_0.mcap: the file ends inside a chunk" in said
     html, written = tmp_path / "d.html", tmp_path / "d.json"
-    outputs = ["--report", str(html), "--json", str(written)]
+    outputs = ["--html", str(html), "--json", str(written)]
     assert main(["fleet", "report", str(tmp_path / "d"), *outputs]) == 0
     for text in (capsys.readouterr().out, html.read_text()):
         assert "the file ends inside a chunk" in " ".join(text.split())

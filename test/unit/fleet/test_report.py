@@ -196,7 +196,7 @@ def test_bags_of_one_robot_that_overlap_are_named(tables, tmp_path, capsys):
     said = f"{first['robot'][0]}: {first['bag'][0]}, converted overlap in time, by {shared:.1f} s"
     place = str(written(tmp_path / "d", other))
     page, data = tmp_path / "d.html", tmp_path / "d.json"
-    assert main(["fleet", "report", place, "--report", str(page), "--json", str(data)]) == 0
+    assert main(["fleet", "report", place, "--html", str(page), "--json", str(data)]) == 0
     for text in (capsys.readouterr().out, page.read_text()):
         assert " ".join(text.split()).count(said) == 1
         assert text.count("overlap in time") == 1
@@ -287,7 +287,7 @@ def test_bags_without_temperature_take_that_of_the_model_where_others_have_one(t
 def test_the_command_writes_page_json_and_model(place, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     data = str(place)
-    assert main(["fleet", "report", data, "--report", "f.html", "--json", "f.json"]) == 0
+    assert main(["fleet", "report", data, "--html", "f.html", "--json", "f.json"]) == 0
     html, out = (tmp_path / "f.html").read_text(), capsys.readouterr().out
     for name in PLAN.faulty():
         assert name in html

@@ -106,7 +106,7 @@ def test_without_the_file_the_meter_needs_settings(bag):
 def test_tables_show_the_kind(toys, bag, tmp_path, capsys):
     path = tmp_path / "toy.yaml"
     path.write_text(yaml.safe_dump(wheel()))
-    assert main(["model", "check", str(path)]) == 0
+    assert main(["models", "check", str(path)]) == 0
     assert DRIVE_MODELS[TOY].label in capsys.readouterr().out
     assert main(["replay", str(bag), "--model", str(path)]) == 0
     shown = capsys.readouterr().out
@@ -142,6 +142,8 @@ def test_a_log_of_the_user_s_format_is_imported(toys, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "4 rows, 3 used" in said
     assert "1 not numeric (first at line 3, where angle is 'x')" in said
+    main(["identify", "drives", "--help"])
+    assert "--angles" in capsys.readouterr().out
     assert "`angles`" in kinds_listing()
 
 

@@ -9,7 +9,7 @@ def add_arguments(parser):
     parser.add_argument("log", metavar="LOG", help="file of angles [deg]")
 
 
-def convert(args):
+def convert(log, out, joint_names, overwrite=False):
     from robot_energy_logs.log_import import import_log
     from robot_energy_logs.mapping import LogMapping
 
@@ -19,12 +19,12 @@ def convert(args):
             "column_names": ["angle"],
             "time": {"rate": 100.0},
             "joints": {
-                "names": ["axle"],
+                "names": list(joint_names),
                 "position": {"columns": ["angle"], "unit": "deg"},
             },
         }
     )
-    return import_log(Path(args.log), mapping, args.out, args.overwrite)
+    return import_log(Path(log), mapping, out, overwrite)
 
 
 KIND = register_log_format(
@@ -34,6 +34,7 @@ KIND = register_log_format(
         line="one angle a line",
         description="Turn a file of angles into a bag.",
         add_arguments=add_arguments,
-        run=convert,
+        run=lambda args: convert(args.log, args.out, ["axle"], args.overwrite),
+        recording=convert,
     )
 )

@@ -88,11 +88,12 @@ def test_the_command_imports_several_tables(tmp_path, capsys):
 
     files = parts(tmp_path, wheel_csv(tmp_path / "wheel.csv").read_text())
     (tmp_path / "wheel.yaml").write_text(yaml.safe_dump(WHEEL_MAPPING))
-    words = ["--mapping", str(tmp_path / "wheel.yaml"), "--out", str(tmp_path / "table")]
-    assert main(["import", "table", *map(str, files), *words]) == 0
-    said = capsys.readouterr().out
-    assert "1001" in said
-    assert "1 not newer (first at line 2, where t is '5.000000')" in said
+    for kind in ("table", "csv"):
+        words = ["--mapping", str(tmp_path / "wheel.yaml"), "--out", str(tmp_path / kind)]
+        assert main(["import", kind, *map(str, files), *words]) == 0
+        said = capsys.readouterr().out
+        assert "1001" in said
+        assert "1 not newer (first at line 2, where t is '5.000000')" in said
 
 
 def test_files_that_each_count_from_zero_follow_each_other(tmp_path):

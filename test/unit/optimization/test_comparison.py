@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from robot_energy.certainty.figure_deviations import TORQUE_TAG
 from robot_energy.certainty.friction_certainty import FrictionCertainty
 from robot_energy.certainty.priors import figure_std
 from robot_energy.foundation.errors import MotionError
@@ -99,6 +100,24 @@ def test_an_exponent_of_the_speed_is_in_the_columns_of_friction():
     by_exponent = (std * viscous * moved * np.log(speed / velocity)) ** 2
     assert squares[1] - squares[0] == pytest.approx(by_law + by_exponent, rel=1e-6)
     assert by_exponent > 0.1 * abs(by_law)
+
+
+def test_bodies_that_were_found_with_the_payload_have_one_column_with_it():
+    """Of a rigid power of 100 W on one axis: 4 % as identified, none for the payload."""
+    still, power = np.zeros((1, 6)), np.zeros((1, 6))
+    power[0, 1] = 100.0
+    tags = {**MODEL.urdf.tags, TORQUE_TAG: "identified"}
+    known = MODEL.changed(urdf=MODEL.urdf.model_copy(update={"tags": tags}))
+    guessed, found = (
+        EnergyDeviations(model).columns(
+            still, still, power, still, still, still, np.full(6, 40.0), np.zeros(1)
+        )[0]
+        for model in (MODEL, known)
+    )
+    differ = np.flatnonzero(guessed != found)
+    assert len(differ) == 2
+    assert found[differ] == pytest.approx([4.0, 0.0])
+    assert guessed[differ].min() > 4.0
 
 
 def test_a_band_of_a_difference_is_far_below_that_of_an_energy():

@@ -159,11 +159,11 @@ def test_impossible_wishes_are_refused(options, error, text):
         re.optimize(MOVES, MODEL, **{"temperature": 30.0, **options})
 
 
-def test_the_command_writes_program_json_and_page(tmp_path, capsys):
-    outputs = {name: tmp_path / f"o.{name}" for name in ("yaml", "json", "html")}
+def test_the_command_writes_program_json_page_and_picture(tmp_path, capsys):
+    outputs = {name: tmp_path / f"o.{name}" for name in ("yaml", "json", "html", "svg")}
     states = tmp_path / "states.yaml"
     states.write_text(yaml.safe_dump({"rest_states": [STATE.model_dump()]}))
-    options = ("--out", "--json", "--report")
+    options = ("--out", "--json", "--report", "--plot")
     files = [str(x) for pair in zip(options, outputs.values(), strict=True) for x in pair]
     assert main(["optimize", str(MOVES), "--model", "kr16", "--temperature", "20..60",
                  "--cycle-time", "40", "--rest-states", str(states), "--regenerative",

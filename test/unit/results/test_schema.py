@@ -15,10 +15,9 @@ from places import ROOT
 from robot_energy.foundation.described import texts_of
 from robot_energy.foundation.errors import ReportError
 from robot_energy.results.base import SCHEMA_VERSION, json_value
-from robot_energy.results.replay import ReplayReport
 from robot_energy.timeline.blocks import EffortMeaning, MeterLocation
 from robot_energy_cli.main import main
-from robot_energy_cli.result_schema import RESULTS, read_result, schema_of
+from robot_energy_cli.result_schema import READABLE, RESULTS, read_result, schema_of
 from robot_energy_report.document import Document
 from terminal_tables import TERMINALS, lost_figures, recorded_documents
 
@@ -48,7 +47,7 @@ COMMANDS = {
                        "drives", "capacitor"],
     "check": ["check", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "test": ["test", BAG, "--model", "kr16", "--effort", "motor_torque"],
-    "model": ["model", "check", "kr16"],
+    "model": ["models", "check", "kr16"],
     "fleet_run": ["fleet", "run", "wheel", "--model", "wheel.yaml", "--workers", 0, "--out", "d"],
     "fleet_report": ["fleet", "report", "fleet"],
     "fleet_friction": ["fleet", "identify", "fleet", "--model", "kr16"],
@@ -227,11 +226,12 @@ def test_every_field_of_a_result_is_documented():
     assert not lacking
 
 
-def test_a_result_is_read_back_as_it_was(tmp_path, capsys):
+@pytest.mark.parametrize("name", ["replay", "prediction"])
+def test_a_result_is_read_back_as_it_was(name, tmp_path, capsys):
     path = tmp_path / "x.json"
-    assert main([*map(str, COMMANDS["replay"]), "--json", str(path)]) == 0
+    assert main([*map(str, COMMANDS[name]), "--json", str(path)]) == 0
     result = read_result(path)
-    assert isinstance(result, ReplayReport)
+    assert isinstance(result, READABLE)
     assert json.loads(path.read_text()) == {"generator": "robot-energy", **result.to_dict()}
 
 

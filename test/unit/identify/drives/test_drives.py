@@ -256,13 +256,14 @@ def test_a_meter_at_the_dc_bus_gives_a_model_that_predicts_it(rig):
 
 @pytest.mark.long
 def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys):
-    out = tmp_path / "robot.yaml"
+    out, plot = tmp_path / "robot.yaml", tmp_path / "maps.png"
     words = ["identify", "drives", *map(str, bags), "--model", "kr16", "--effort", "motor_torque"]
-    words += ["--drive-power", "/drive_power", "--out", str(out)]
+    words += ["--drive-power", "/drive_power", "--out", str(out), "--plot", str(plot)]
     assert main(words) == 0
     printed = capsys.readouterr().out
     assert "constant 87.5 %" in printed
     assert "measured drives and a constant" in printed
+    assert plot.read_bytes().startswith(b"\x89PNG")
     model = load(out)
     assert model.drive == "loss_model"
     assert {joint.losses.copper.tag for joint in model.joints} == {"identified"}

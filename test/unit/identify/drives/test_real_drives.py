@@ -10,7 +10,6 @@ from left_out import ur3e, width_ratio, xarm_friction, yu_cobot
 from places import ROOT
 from robot_energy.model import load
 from robot_energy_cli.main import main
-from robot_energy_logs.ur_rtde import import_ur_rtde
 
 DATA = os.environ.get("ROBOT_ENERGY_DATA", "")
 
@@ -20,10 +19,7 @@ def test_a_real_ur3e_is_predicted_better_than_by_shaft_power_and_a_constant(tmp_
     """Measured on its 48 V bus, every recording predicted from the two others."""
     logs = sorted(map(str, (Path(DATA) / "rad_ur3e").glob("L*.csv")))
     out, report = tmp_path / "ur3e.yaml", tmp_path / "report.json"
-    bags = [str(tmp_path / Path(log).stem) for log in logs]
-    for log, bag in zip(logs, bags, strict=True):
-        import_ur_rtde([log], bag)
-    words = ["identify", "drives", *bags, "--model", "ur3e"]
+    words = ["identify", "drives", *logs, "--ur-rtde", "--model", "ur3e"]
     assert main([*words, "--out", str(out), "--json", str(report)]) == 0
     ways = json.loads(report.read_text())["total"]["ways"]
     assert ways["identified"]["rms"] < 0.7 * ways["shaft"]["rms"] < 0.7 * ways["constant"]["rms"]

@@ -103,6 +103,7 @@ def test_model_file_says_what_is_identified_and_how_well(tmp_path):
     assert viscous.value == pytest.approx(2e-4, abs=3 * viscous.std)
     assert written.provenance.bags == ("arm.csv",)
     assert written.urdf.tags["inertias"] == "derived"
+    assert written.urdf.tags["torque"] == "identified"
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.004, -0.0013])

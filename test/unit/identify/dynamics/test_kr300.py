@@ -177,7 +177,7 @@ def test_its_gas_spring_is_not_told_from_weight(recordings):
 
 
 def test_the_command_prints_both_directions(recordings, capsys):
-    assert main(["identify", "dynamics", "--log", str(DATA), "--mapping", str(MAPPING)]) == 0
+    assert main(["identify", "dynamics", "--log", str(MAPPING), "--data", str(DATA)]) == 0
     text = capsys.readouterr().out
     assert "A from B" in text
     assert "B from A" in text
