@@ -23,11 +23,10 @@ BAR = 0.45  # inch per run
 def energy_bars(energies: Sequence[EnergyBreakdown], labels: Sequence[str], path: Target) -> None:
     """Draw where the energy of each run goes."""
     with canvas(path, (8.0, 1.1 + BAR * len(energies))) as figure:
-        add_bars(figure.subplots(), energies, labels)
+        _bars(figure.subplots(), energies, labels)
 
 
-def add_bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
-    """Draw them into axes."""
+def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
     scale, count = scale_of(energies), len(energies)
     place = np.arange(count)[::-1]
     right, left = np.zeros(count), np.zeros(count)

@@ -147,7 +147,7 @@ def test_estimate_has_no_phase_lag():
 
 
 def test_samples_leave_when_the_stamps_have_passed_the_lag():
-    stage = Derivative(window=0.02, lag=0.01, neighbours=5)
+    stage = Derivative(window=0.02, lag=0.01)
     stamp = np.arange(30) * 0.002
     out = stage.step(robots.joint_block(stamp, stamp[:, None], stamp[:, None]))
     assert out[0].stamp_ns[-1] == round((stamp[-1] - 0.01) * 1e9)
@@ -184,7 +184,7 @@ def test_single_sample_gives_nan_not_zero():
     assert np.isnan(out.joint_acceleration).all()
 
 
-@pytest.mark.parametrize("settings", [{"lag": 0.03}, {"lag": -1.0}, {"neighbours": 2}])
+@pytest.mark.parametrize("settings", [{"lag": 0.03}, {"lag": -1.0}])
 def test_impossible_settings_are_refused(settings):
     with pytest.raises(ValueError, match="expected"):
         Derivative(window=0.02, **settings)
