@@ -61,7 +61,8 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
             _units(evidence, joint, foreign) if foreign[joint] else _limits(evidence, joint)
         )
     ]
-    slopes = list(_late(evidence)) if not any(foreign) else []
+    held = [*_held(evidence)]  # which are late as well
+    slopes = [] if held or any(foreign) else [*_late(evidence)]
     if not slopes:
         slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
     findings += _together(evidence, slopes)
@@ -71,7 +72,7 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
             Finding("torque_limit", WARNING, (name,), sentence, remedy=LONGER_WINDOW)
             for name, sentence in evidence.beyond_torque.items()
         ]
-    return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
+    return [*findings, *held, *_rest(evidence), *_degrees_unseen(evidence)], ""
 
 
 def _held(evidence: Evidence) -> Iterator[Finding]:
