@@ -61,8 +61,8 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
             _units(evidence, joint, foreign) if foreign[joint] else _limits(evidence, joint)
         )
     ]
-    held = list(_held(evidence))  # which makes them late, too
-    slopes = list(_late(evidence)) if not any(foreign) and not held else []
+    held = [*_held(evidence)]  # which are late as well
+    slopes = [] if held or any(foreign) else [*_late(evidence)]
     if not slopes:
         slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
     findings += _together(evidence, slopes)
