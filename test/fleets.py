@@ -32,7 +32,8 @@ def _fleet(robots, faults, days, cycles) -> FleetTables:
 def short_bags(days, cycles=3):
     """Bags of so many cycles while this lasts, on so many days of a week; rarely sampled.
 
-    Each is made and read in one step, with a short pause at its end. Temperatures are held for ten seconds: at night the rig would take one step for two samples.
+    Each is made and read in one step, with a short pause at its end. Temperatures are held for ten
+    seconds: at night the rig would take one step for two samples.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generated_fleet, "CYCLES", cycles)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from ros2_energy_msgs.msg import EnergyRegisters, MotorTemperatures, PowerReadin
 from ros2_energy_msgs.srv import CloseInterval, OpenInterval, SetPayload
 from sensor_msgs.msg import JointState
 
+from robot_energy.pipeline import Settings
 from ros2_energy_monitor.base.guard import INTERNAL_ERROR
 from ros2_energy_monitor.nodes.energy_monitor import EnergyMonitor
 from ros2_energy_monitor.nodes.friction_monitor import FrictionMonitor
@@ -135,12 +137,14 @@ def test_a_defect_in_one_path_leaves_the_others_and_is_counted_once(bench, messa
 
 
 @pytest.mark.injects_errors
-def test_registers_after_a_defect_are_those_without_the_lost_messages(bench, messages):
+def test_registers_after_a_defect_are_those_without_the_lost_messages(bench, messages, monkeypatch):
     """What a defect hides is a gap; before and after it every joule is counted."""
+    at_once = partial(Settings, temperature_wait=0.0)
+    monkeypatch.setattr("ros2_energy_monitor.base.settings.Settings", at_once)
     rows = messages["/joint_states"][:750]
     energy = []
     for broken in (False, True):
-        node = bench.add(EnergyMonitor, model="kr16", state_folder="", temperature_wait=0.0)
+        node = bench.add(EnergyMonitor, model="kr16", state_folder="")
         publisher = bench.publisher(JointState, "joint_states")
 
         def take(part, node=node, publisher=publisher):

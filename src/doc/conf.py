@@ -2,6 +2,7 @@
 
 import re
 import sys
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -54,17 +55,35 @@ ACCESSIBLE = (
 )
 
 
+def without_texts(text: str) -> str:
+    """Return types without what their annotations say, which stands next to them."""
+    head, found, rest = text.partition("Annotated[")
+    if not found:
+        return text
+    depths = accumulate((letter in "[(") - (letter in "])") for letter in rest)
+    place = next(i for i, depth in enumerate(depths) if rest[i] == "," and not depth)
+    kind, said = rest[:place], rest[place + 2 :]
+    end = said.find(said[0] + "]") + 2 if said[0] in "'\"" else len(said)
+    return head.removesuffix("~typing.") + kind + without_texts(said[end:])
+
+
 def setup(app: Any) -> None:
     """Mend what Sphinx and its theme write: names of aliases, and HTML that readers trip over."""
     wrapped = re.compile(r"TypeAliasForwardRef\('([^']+)'\)")
 
     def plain(_app: Any, *given: Any) -> tuple[str | None, str | None]:
         *_, signature, returns = given
-        return signature and wrapped.sub(r"\1", signature), returns
+        return signature and without_texts(wrapped.sub(r"\1", signature)), returns
+
+    def types_alone(*given: Any) -> None:
+        given[-1][:] = [
+            without_texts(line) if line.startswith(":vartype") else line for line in given[-1]
+        ]
 
     def accessible(_app: Any, _page: str, _template: str, context: dict[str, Any], _: Any) -> None:
         for part, old, new in ACCESSIBLE:
             context[part] = re.sub(old, new, context.get(part) or "", flags=re.DOTALL)
 
     app.connect("autodoc-process-signature", plain)
+    app.connect("autodoc-process-docstring", types_alone, priority=900)  # after napoleon
     app.connect("html-page-context", accessible, priority=900)  # after the theme

@@ -18,6 +18,7 @@ from robot_energy_cli import (
     identify_metered,
     identify_thermal,
     import_logs,
+    info,
     kinds,
     layouts,
     models,
@@ -56,6 +57,6 @@ FLEET = Group(
 COMMANDS: tuple[Command | Group, ...] = (
     replay.COMMAND, report.COMMAND, export.COMMAND, import_logs.COMMAND, check.COMMAND,
     test.COMMAND, IDENTIFY, FLEET, history.COMMAND, predict.COMMAND, optimize.COMMAND,
-    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, kinds.COMMAND,
+    shared_bus.COMMAND, advise.COMMAND, models.LIST, models.MODEL, kinds.COMMAND, info.COMMAND,
     simulate.COMMAND, schema.COMMAND, layouts.COMMAND, monitoring.COMMAND,
 )  # fmt: skip

@@ -47,7 +47,6 @@ OPTIONS: Options = {
     "have the same (default: that of --seed)",
     "--speedup FACTOR": ("factor on how fast temperatures change (default 1)", {"default": 1.0}),
     "--rate HZ": (f"of the joint states (default {RATE:g} Hz)", {"default": RATE}),
-    "--override SHARE": ("share of full speed, above 0 to 1 (default 1)", {"default": 1.0}),
     "--dwell S": ("rest after every motion (default 0.2 s)", {"default": 0.2}),
     "--drive-power": "record the electrical input of each drive as well, on /drive_power",
     "--auxiliary": "record a pump and an extruder as well, with meters and states of their own",
@@ -106,7 +105,6 @@ def _program(profile: PlantProfile, args: Namespace) -> Program:
         limits,
         args.seed,
         dwell=args.dwell,
-        override=args.override,
         accept=above,
     )
 

@@ -212,6 +212,14 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
     One with the same begin holds from now on, and the earlier one is kept.
     """
     path = folder / FILE
+    held = _holding([*stored_tariffs(folder), *tariffs])
+    currencies = sorted({one.currency for one in held if one.price_per_kwh is not None})
+    if len(currencies) > 1:
+        raise HistoryError(
+            f"prices in {' and '.join(currencies)}, whose costs would be added up",
+            "one currency in a history",
+            "state all prices in one currency",
+        )
     lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()
     try:
         file = open_unlinked(path, os.O_RDWR | os.O_CREAT, 0o600)
@@ -245,5 +253,10 @@ def stored_tariffs(folder: str | Path) -> list[Tariff]:
             "tariffs of this release, one a line",
             "move it away, and add the tariffs again",
         ) from error
-    newest = {one.begin_ns: one for one in found}
+    return _holding(found)
+
+
+def _holding(tariffs: Sequence[Tariff]) -> list[Tariff]:
+    """Return the newest of each begin, in order of their begins."""
+    newest = {one.begin_ns: one for one in tariffs}
     return [newest[begin] for begin in sorted(newest)]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robot_energy.foundation.errors import ShapeError
 from robot_energy_identify.results.evaluation import (
     FIXED,
     MODEL,
@@ -15,7 +14,6 @@ from robot_energy_identify.results.evaluation import (
     ModelScore,
     RecordingScore,
 )
-from robot_energy_report.canvas import COLOURS, Target, canvas, named_ticks
 from robot_energy_report.document import Column, Document
 from robot_energy_report.formats import (
     aligned,
@@ -28,46 +26,8 @@ from robot_energy_report.formats import (
     tags_text,
 )
 from robot_energy_report.headline import LOCATION_NAMES
-from robot_energy_report.replay_figures import Role
-
-Bars = tuple[str, Role, Sequence[float | None]]  # label, role, and an error for each name [-]
-
-
-def error_bars(
-    names: Sequence[str],
-    bars: Sequence[Bars],
-    path: Target,
-    label: str = "predicted minus measured energy [%]",
-    beyond: Sequence[bool] = (),
-) -> None:
-    """Draw one bar per name and prediction; hatched beyond the temperatures of a fit."""
-    if not names or not bars or any(len(values) != len(names) for _, _, values in bars):
-        raise ShapeError("nothing to draw, or not one error for each name", "one or more")
-    place, height = np.arange(len(names)), 0.76 / len(bars)
-    hatch = ["////" if off else "" for off in (*beyond, *[False] * (len(names) - len(beyond)))]
-    with canvas(path, (8.0, 0.42 * len(names) + 1.1)) as figure:
-        axes = figure.subplots()
-        for number, (name, role, values) in enumerate(bars):
-            axes.barh(
-                place + (number - 0.5 * (len(bars) - 1)) * height,
-                100.0 * np.array(values, dtype=np.float64),
-                0.95 * height,
-                color=COLOURS[role],
-                hatch=hatch,
-                edgecolor="white",
-                linewidth=0.0,
-                label=name,
-            )
-        axes.axvline(0.0, color=COLOURS["measured"], linewidth=0.8)
-        named_ticks(axes.yaxis, place, names)
-        axes.invert_yaxis()
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel(label)
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(bars))
-
 
 SEEN = {"held_out": "held out", "fitted": "used in the fit", "unknown": "not known"}
-ROLES: dict[str, Role] = {MODEL: "predicted", FIXED: "fixed"}
 SIDES = {
     "motor_torque": "the motor torque that the driver reports x "
     "(1 - torque_constant_fall (T - 20))",
@@ -213,14 +173,6 @@ def _meter(metered: Sequence[RecordingScore], report: EvaluationReport, page: Do
         ],
         metered,
     )
-    if len(metered) > 1:
-        bars: list[Bars] = [
-            (label, ROLES[name], errors(name)) for name, label in labels.items() if name in ROLES
-        ]
-        page.figure(
-            lambda path: error_bars([one.recording for one in metered], bars, path),
-            "Error of the predicted energy at the meter, by recording.",
-        )
 
 
 def _torque(report: EvaluationReport, page: Document) -> None:
@@ -276,18 +228,6 @@ def _torque(report: EvaluationReport, page: Document) -> None:
             "in motion. At rest friction is anything up to its Coulomb value, which no model "
             "predicts."
         )
-    share = "torque_relative_moving"
-    bars: list[Bars] = [
-        (labels[name], ROLES[name], [of(name, share, k) for k in range(len(joints))])
-        for name in labels
-        if name in ROLES
-    ]
-    page.figure(
-        lambda path: error_bars(
-            [joint.name for joint in joints], bars, path, "torque error over measured torque [%]"
-        ),
-        "Error of the motor torque while the joint moves, by joint.",
-    )
 
 
 def _labels(scores: Sequence[ModelScore]) -> dict[str, str]:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 from robot_energy.timeline.blocks import Float, MeterLocation
 from robot_energy.timeline.pieces import Compared
-from robot_energy_identify.stats.held_out_energy import GIVEN, OUTSIDE, HeldOutEnergy, Tested
+from robot_energy_identify.stats.held_out_energy import GIVEN, HeldOutEnergy, Tested
 from robot_energy_report.canvas import COLOURS, LINES, Target, panels
 from robot_energy_report.document import Column, Document
-from robot_energy_report.evaluation import error_bars
 from robot_energy_report.formats import energy_text, fixed, percent, signed_percent, significant
 from robot_energy_report.replay_figures import Role, Series, power_and_energy, series_of
 
@@ -172,19 +171,6 @@ def _place(entry: Tested) -> str:
 def _figures(test: HeldOutEnergy, names: tuple[str, ...], page: Document) -> None:
     worst, last = test.worst, test.stages[-1]
     if worst is not None:
-        page.figure(
-            lambda path: error_bars(
-                [entry.name for entry in test.metered],
-                [
-                    ("model as given", "fixed", [entry.error(GIVEN) for entry in test.metered]),
-                    ("new model", "predicted", [entry.error(last) for entry in test.metered]),
-                ],
-                path,
-                beyond=[entry.beyond > OUTSIDE for entry in test.metered],
-            ),
-            "Energy error on what was held out."
-            + (" Hatched: colder or warmer than the fit has seen." if test.beyond else ""),
-        )
         series, what = _power(test, worst)
         if series:
             page.figure(

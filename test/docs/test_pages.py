@@ -85,3 +85,11 @@ def test_the_tutorial_shows_outputs():
     shown = [line for _, block, _ in console for line in block.splitlines()]
     assert sum(line.startswith("$ robot-energy ") for line in shown) >= 10
     assert sum(not line.startswith("$ ") for line in shown) >= 10
+
+
+def test_a_type_of_the_site_has_no_text():
+    without_texts = runpy.run_path(str(DOC / "conf.py"))["without_texts"]
+    shown = ":vartype a: ~typing.Annotated[int | None, robot.Option(text=mass, [kg], low=1)]"
+    assert without_texts(shown) == ":vartype a: int | None"
+    shown = "(a: Annotated[Literal['x', 'y'], \"a's kind\"] = 'x', b: Annotated[str, 'name']='y')"
+    assert without_texts(shown) == "(a: Literal['x', 'y'] = 'x', b: str='y')"

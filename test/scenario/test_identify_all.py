@@ -159,7 +159,10 @@ def test_single_commands_write_reports_too(folder: Path, tmp_path: Path, subject
 
 
 def test_a_meter_clock_that_is_off_in_one_recording_changes_little(tmp_path):
-    bags = [ROOT / "bags" / f"drawn_train_{name}" for name in ("cold", "middle", "warm")]
+    bags = [
+        rewrite(ROOT / "bags" / f"drawn_train_{name}", tmp_path / name, None, seconds=24.0)
+        for name in ("cold", "middle", "warm")
+    ]
     late = rewrite(bags[2], tmp_path / "late", None, delayed(0.4))
     others = ("dynamics", "friction", "drives", "capacitor", "thermal")
 

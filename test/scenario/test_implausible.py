@@ -183,20 +183,25 @@ def test_what_only_mistakes_explain_is_refused(
         assert refuse_torque(parts) == ("the gear",)
 
 
+def evidence(path: Path) -> Evidence:
+    effort = EffortMeaning.MOTOR_TORQUE
+    return torque_evidence(read_recording(path, load("kr16"), effort), effort)
+
+
+@pytest.fixture(scope="module")
+def sound() -> list[Evidence]:
+    names = ("cold", "middle", "warm")
+    found = [evidence(ROOT / "bags" / f"drawn_train_{name}") for name in names]
+    assert refuse_torque(found) == ()
+    return found
+
+
 @pytest.mark.parametrize(
     ("factor", "said"), [(1.25, "the torque of all joints is"), (0.0, "its torque is 0 throughout")]
 )
 def test_one_recording_with_another_torque_is_refused_by_name(
-    factor: float, said: str, tmp_path: Path
+    factor: float, said: str, sound: list[Evidence], tmp_path: Path
 ) -> None:
-    used, effort = load("kr16"), EffortMeaning.MOTOR_TORQUE
-
-    def evidence(path: Path) -> Evidence:
-        return torque_evidence(read_recording(path, used, effort), effort)
-
-    names = ("cold", "middle", "warm")
-    sound = [evidence(ROOT / "bags" / f"drawn_train_{name}") for name in names]
-    assert refuse_torque(sound) == ()
     off = rewrite(ROOT / "bags/drawn_train_warm", tmp_path / "off", scaled(("effort",), factor))
     with pytest.raises(ImplausibleIdentificationError, match=f"off: {said}"):
         refuse_torque([*sound[:2], evidence(off)])

@@ -93,7 +93,7 @@ MODULES = {
         advise check command commands completion export fleet_identify fleet_report
         fleet_run history identify_all identify_drives identify_dynamics
         identify_excitation identify_friction identify_inputs identify_metered
-        identify_thermal import_logs kinds layouts main model_reference models
+        identify_thermal import_logs info kinds layouts main model_reference models
         monitoring optimize predict replay replay_arguments report result_schema schema
         shared_bus simulate terminal test tool_options
     """,
@@ -125,8 +125,8 @@ MODULES = {
         cabinet dc_link fan levels link_readings phase_readings supply thermometers
     """,
     "robot_energy_identify.check": """
-        effort evidence finding lateness meter meter_step motion possible_causes process remedies run
-        torque torque_fit
+        effort evidence field_lag finding meter meter_step motion possible_causes process remedies
+        run torque torque_fit
     """,
     "robot_energy_identify.data": """
         bags log_channels observations recordings rest thinned

@@ -76,8 +76,7 @@ def figures(processes: int, bounds: list[float], bag: Path = BAG) -> dict[str, o
     }
 
 
-@pytest.mark.parametrize("processes", [2, 3])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("processes", "seed"), [(2, 1), (3, 2)])
 def test_figures_do_not_depend_on_processes(processes, seed):
     start = replay(BAG, MODEL).account.start_ns * 1e-9
     cuts = np.sort(np.random.default_rng(seed).uniform(0.0, 36.0, 12)) + start

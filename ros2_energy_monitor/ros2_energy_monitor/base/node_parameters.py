@@ -85,7 +85,6 @@ class AccountParameters(AuxiliaryInputs, MeterInputs, Common):
         25.0,
         (0.1, 1000.0),
     )
-    temperature_wait: float = setting("temperature_wait", 0.1, (0.0, 10.0))
     state_folder: str = parameter(
         "Folder in which the registers are kept across restarts; variables such as $HOME are read, "
         "and $ROS_HOME is ~/.ros where it is not set. none: they are not kept.",

@@ -39,7 +39,6 @@ def settings_of(parameters: Common) -> Settings:
     if isinstance(parameters, PowerParameters | EnergyParameters):
         settings = replace(
             settings,
-            temperature_wait=parameters.temperature_wait,
             power_period=round(parameters.tick_rate / parameters.power_rate) / parameters.tick_rate,
             meter_max_gap=parameters.meter_max_gap,
             learning=Learning(parameters.learning),

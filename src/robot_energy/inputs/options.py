@@ -32,9 +32,6 @@ class InputOptions(TypedDict, total=False):
     reorder_window: Annotated[float | None, Option(
         "how long a joint state waits for older ones that arrive later, to sort them",
         absent="that of --inputs, else 0 s", unit="s", low=0.0, high=0.5, group=SETTINGS)]
-    temperature_wait: Annotated[float | None, Option(
-        "how long torque waits for a temperature that arrives late",
-        absent="0.1 s", unit="s", low=0.0, high=LATEST, group=SETTINGS)]
     max_gap: Annotated[float | None, Option(
         "longest time between two joint states that is bridged; 0: five times their usual period, "
         "0.1 s to 1 s",

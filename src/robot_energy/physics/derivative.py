@@ -27,6 +27,7 @@ from robot_energy.timeline.blocks import NANOSECOND, Float, Int, JointBlock, Qua
 
 FULL_TURN = 2 * np.pi  # rad
 POSITIONS_RATIO = 2.5  # window of positions over that of velocities [-]
+NEIGHBOURS = 5  # least number of samples in a window
 VELOCITIES = 3  # least number in a window for a slope
 
 
@@ -53,14 +54,11 @@ class Derivative:
         self,
         window: float = 0.02,
         lag: float | None = None,
-        neighbours: int = 5,
         wraps: NDArray[np.bool_] | None = None,
     ) -> None:
         lag = window / 2 if lag is None else lag
         if not 0 <= lag <= window or window <= 0:
             raise ValueError(f"lag {lag} s; expected between 0 and the window of {window} s")
-        if neighbours < 3:
-            raise ValueError(f"neighbours {neighbours}; expected at least 3 for a quadratic")
         self._short, self._long = (
             _Window(
                 round(ratio * (window - lag) / NANOSECOND),
@@ -69,8 +67,8 @@ class Derivative:
             )
             for ratio in (1.0, POSITIONS_RATIO)
         )
-        self._least_ahead = (neighbours - 1) // 2 if lag > 0 else 0
-        self._least_behind = neighbours - 1 - self._least_ahead
+        self._least_ahead = (NEIGHBOURS - 1) // 2 if lag > 0 else 0
+        self._least_behind = NEIGHBOURS - 1 - self._least_ahead
         self._wraps = wraps if wraps is not None and bool(wraps.any()) else None
         self._pending: JointBlock | None = None  # context behind plus samples not yet out
         self._done = 0  # samples of _pending that are context only

@@ -17,7 +17,6 @@ class Settings(AccountSettings):
         derivative_window: Length of the window of the derivative; longer without velocities, see
             `Derivative`. [s]
         derivative_lag: How far it reaches ahead; None: half the window. [s]
-        derivative_neighbours: Least number of samples in the window.
         max_gap: Longest time between two joint states that is bridged; 0: five median periods,
             0.1 s to 1 s. [s]
         effort: What the effort in the joint states means.
@@ -30,7 +29,6 @@ class Settings(AccountSettings):
 
     derivative_window: float = 0.02
     derivative_lag: float | None = None
-    derivative_neighbours: int = 5
     max_gap: float = BY_PERIOD
     effort: EffortMeaning = EffortMeaning.NONE
     temperature_wait: float = 0.1

@@ -121,7 +121,6 @@ class TorqueStage:
         self._derivative = Derivative(
             settings.derivative_window,
             settings.derivative_lag,
-            settings.derivative_neighbours,
             robot.limits.wraps,
         )
         self.newest_ns: int | None = None

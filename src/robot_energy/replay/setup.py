@@ -161,7 +161,7 @@ class ReplaySetup:
                 power_period=given.get("power_period"),
                 effort=effort_meaning(given.get("effort") or states.effort_meaning),
                 learning=member_named(Learning, "learning", given.get("learning", "observe")),
-                **{**gaps, **chosen("derivative_window", "temperature_wait", *GAPS)},
+                **{**gaps, **chosen("derivative_window", *GAPS)},
             ),
             inputs=inputs,
             notes=tuple(notes),

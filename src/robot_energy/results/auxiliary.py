@@ -29,7 +29,6 @@ class LoadEnergy(Result):
         "Energy over the observed time; None if the power is not known for a part of it. [J]",
     ]
     known_energy: Annotated[float, "Energy over the time in which the power is known. [J]"]
-    known_energy_microjoule: Annotated[int, "The same, exact. [uJ]"]
     known_ns: Annotated[int, "That time. [ns]"]
     missing_ns: Annotated[int, "Observed time in which the power is not known. [ns]"]
     missing_count: Annotated[int, "How often the power ceased to be known."]
@@ -87,7 +86,6 @@ def _load(account: AuxiliaryAccount, place: int) -> LoadEnergy:
         metered=curve.metered,
         energy=None if missing_ns else energy,
         known_energy=energy,
-        known_energy_microjoule=int(account.energy.microjoule[place]),
         known_ns=known_ns,
         missing_ns=missing_ns,
         missing_count=int(account.missing_count[place]),

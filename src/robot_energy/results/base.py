@@ -19,7 +19,7 @@ from robot_energy.foundation.shown import Shown
 from robot_energy.model import RobotModel
 from robot_energy.model.figure import Tag
 
-SCHEMA_VERSION = 3  # rises when a key goes, is renamed, or changes its meaning
+SCHEMA_VERSION = 4  # rises when a key goes, is renamed, or changes its meaning
 Number = float | None  # None where nothing is known
 Texts = tuple[str, ...]
 

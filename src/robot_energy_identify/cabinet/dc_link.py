@@ -31,7 +31,6 @@ from robot_energy_identify.cabinet.link_readings import (
     best_energy,
     energy_errors,
     readings_of,
-    squared_error,
     tried,
     with_energy,
 )
@@ -80,10 +79,6 @@ class LinkFit(Described):
         EnergyScore, "The model as given on what was held out; constants as the model has them."
     ]
     identified: Annotated[EnergyScore, "With the energy from the other folds."]
-    tried: Annotated[Float, "Energies that were tried, rising, shape (K,). [J]"]
-    tried_rms: Annotated[
-        Float, "RMS error with each, fitted readings, constant free, shape (K,). [W]"
-    ]
     parts: Annotated[dict[str, float], "Of the standard deviation, by cause. [J]"] = field(
         default_factory=dict[str, float]
     )
@@ -166,7 +161,6 @@ def fit_link(
     _require_determined(energy, half, events, top, spacing, braking)
     kind, fold = recordings_or_blocks(data.recording, data.block)
     scores = _scores(metered, cabinet, given, energies, squares, data, fold)
-    error = squared_error(squares.sum(axis=0))
     return LinkFit(
         energy,
         std,
@@ -179,8 +173,6 @@ def fit_link(
         emptying,
         kind,
         *scores,
-        energies,
-        np.sqrt(error / data.duration.sum()),
         parts,
     )
 

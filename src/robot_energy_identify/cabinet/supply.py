@@ -41,7 +41,6 @@ class CabinetReport(Result, name="cabinet"):
     meter_delay: MeterDelay
     meter_time_constant: MeterTimeConstant
     link: Annotated[LinkFit | None, "Energy of the DC link; None where it was not determined."]
-    link_taken: Annotated[bool, "Whether the model has it."]
     link_reason: Annotated[str, "Why the model does not have it; empty if it has."]
     link_note: Annotated[str, "Where its voltages come from; empty if the model has none."]
     model: Annotated[RobotModel, "With all that was taken."] = field(repr=False)
@@ -87,8 +86,7 @@ def fit_supply(
     if link is not None and not reason:
         model, note = with_link(model, link, source, voltages)
     model = with_likely_fan(with_response(model, low_pass, delay, source), fan.likely)
-    taken = link is not None and not reason
-    return CabinetReport(cabinet, delay, low_pass, link, taken, reason, note, model)
+    return CabinetReport(cabinet, delay, low_pass, link, reason, note, model)
 
 
 def _link(recordings: Sequence[Recording], model: RobotModel) -> tuple[LinkFit | None, str]:

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from robot_energy.timeline.blocks import NANOSECOND, TorqueBlock
+from robot_energy_identify.check.field_lag import field_lag
 from robot_energy_identify.check.finding import ERROR, Finding
-from robot_energy_identify.check.lateness import lateness
 
 SLOW = 0.02  # of the greatest speed: below it friction may have either sign
 LATE = 0.08  # s: efforts of sound recordings are up to 0.03 s late, a low pass of 0.1 s makes 0.06
@@ -50,7 +50,7 @@ def check_effort(names: Sequence[str], torque: TorqueBlock) -> Iterator[Finding]
     speed, still = torque.joint_velocity, SLOW * np.abs(torque.joint_velocity).max(axis=0)
     sign = np.tanh(speed / np.where(still > 0.0, still, 1.0))
     follows = np.stack([rigid, sign, speed], axis=2)
-    late = lateness(time, ((follows[:, j], measured[:, j]) for j in range(len(names))), LATE)
+    late = field_lag(time, ((follows[:, j], measured[:, j]) for j in range(len(names))), LATE)
     if late:
         yield Finding(
             "effort_late", ERROR, tuple(names),

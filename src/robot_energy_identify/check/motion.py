@@ -14,8 +14,8 @@ from robot_energy.replay.bag_replay import LONGER_WINDOW
 from robot_energy.timeline.blocks import NANOSECOND, Float
 from robot_energy_identify.check import remedies
 from robot_energy_identify.check.evidence import Evidence, velocity_noise
+from robot_energy_identify.check.field_lag import field_lag
 from robot_energy_identify.check.finding import ERROR, MODEL, WARNING, Finding, unjudged
-from robot_energy_identify.check.lateness import lateness
 
 MIN_SAMPLES = 50
 MIN_FIT = 0.5  # correlation of velocity with the change of position, below which they differ
@@ -61,7 +61,8 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
             _units(evidence, joint, foreign) if foreign[joint] else _limits(evidence, joint)
         )
     ]
-    slopes = list(_late(evidence)) if not any(foreign) else []
+    held = [*_held(evidence)]  # which are late as well
+    slopes = [] if held or any(foreign) else [*_late(evidence)]
     if not slopes:
         slopes = [one for joint in joints if not foreign[joint] for one in _slope(evidence, joint)]
     findings += _together(evidence, slopes)
@@ -71,7 +72,7 @@ def check_motion(evidence: Evidence) -> tuple[list[Finding], str]:
             Finding("torque_limit", WARNING, (name,), sentence, remedy=LONGER_WINDOW)
             for name, sentence in evidence.beyond_torque.items()
         ]
-    return [*findings, *_held(evidence), *_rest(evidence), *_degrees_unseen(evidence)], ""
+    return [*findings, *held, *_rest(evidence), *_degrees_unseen(evidence)], ""
 
 
 def _held(evidence: Evidence) -> Iterator[Finding]:
@@ -134,7 +135,7 @@ def _late(evidence: Evidence) -> Iterator[Finding]:
     if evidence.derived or evidence.remarks.repeating:
         return
     steps = [_change(evidence, joint) for joint in range(len(evidence.names))]
-    lag = lateness(steps[0].middle, [(one.change[:, None], one.velocity) for one in steps], LATE)
+    lag = field_lag(steps[0].middle, [(one.change[:, None], one.velocity) for one in steps], LATE)
     if lag:
         where = "behind" if lag > 0.0 else "ahead of"
         yield Finding(

@@ -24,7 +24,6 @@ from robot_energy_identify.drives.delays import (
 )
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
-from robot_energy_identify.drives.efficiency_map import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import (
     BY_LEVELS,
@@ -72,7 +71,6 @@ class TotalPower(Result):
     constant: Annotated[float, "Constant power. [W]"]
     constant_std: Annotated[Number, "[W]"]
     axes: Annotated[tuple[AxisLosses, ...], "One per joint."]
-    block_rms: Annotated[dict[str, float], "RMS error on blocks not seen, by structure. [W]"]
     held_out: Annotated[str, "``recordings`` or ``blocks``."]
     ways: Annotated[dict[str, EnergyScore], "Predictions of held-out readings, by way."]
     meter_delay: MeterDelay
@@ -114,7 +112,6 @@ class TotalPower(Result):
                 AxisLosses(name, *(_term(data, fit, joint, row) for row in range(3)))
                 for joint, name in enumerate(data.names)
             ),
-            block_rms={str(name): rms for name, rms in fit.errors.items()},
             held_out=held_out,
             ways=ways,
             meter_delay=delay,
@@ -193,14 +190,12 @@ def find_drives(
     data: DriveData,
     model: RobotModel | None,
     source: str = "",
-    cutoff: float = CUTOFF,
     in_time: bool = False,
 ) -> DrivesReport:
     """Return what the power of each drive and the meter say of the drives.
 
     Args:
         model: Of the robot; None for a log.
-        cutoff: Of the low-pass of the maps. [Hz]
         in_time: Whether delay and low pass of the meters are known and undone.
     """
     drives = delay = None
@@ -208,7 +203,7 @@ def find_drives(
         delay = estimate_power_delay(data)
         if delay is not None:
             data = with_delay_undone(data, delay.applied)
-        drives = fit_drives(data, source, cutoff)
+        drives = fit_drives(data, source)
     total = None
     if location(data) is not None:
         low_pass = lag = None

@@ -91,9 +91,6 @@ class Score(Described):
         float, "Of the energy of all drives: 1 is exact, 0 is off by all of it. [-]"
     ]
     rms: Annotated[float, "Of the power of a drive, over all drives and held-out samples. [W]"]
-    axis_rms: Annotated[
-        tuple[float, ...], "Of each drive, NaN where it has no held-out samples. [W]"
-    ]
 
 
 class DriveComparison(Described):
@@ -293,13 +290,8 @@ class _Fitter:
             if not np.isfinite(power[tested]).all():  # the kind of a user has no fit here
                 continue
             error = np.where(tested, power - data.drive_power, np.nan)
-            square = error * error
-            axis = [
-                float(np.sqrt(np.nanmean(square[:, k]))) if tested[:, k].any() else float("nan")
-                for k in self.joints
-            ]
             accuracy = 1.0 - abs(float(np.nansum(weight * error)) / energy)
-            scores[way] = Score(accuracy, float(np.sqrt(np.nanmean(square))), tuple(axis))
+            scores[way] = Score(accuracy, float(np.sqrt(np.nanmean(error * error))))
         size = rms_of(data.drive_power[tested])
         return DriveComparison(split, int(tested.sum()), energy, size, scores)
 

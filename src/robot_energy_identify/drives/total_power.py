@@ -70,9 +70,6 @@ class TotalFit(Described):
     deviations: Annotated[
         Float, "Standard deviations of them; NaN where not determined, shape (3, n)."
     ]
-    errors: Annotated[
-        dict[Structure, float], "RMS on blocks not seen, of every structure that was tried. [W]"
-    ]
     spread: Annotated[Float, "Coefficients per parameter of the regression, shape (3, n, P)."] = (
         field(default_factory=lambda: np.zeros((3, 0, 0)), repr=False)
     )
@@ -97,7 +94,7 @@ def fit_total(data: Sums) -> TotalFit:
         name: rms_of(values - data.measured) for name, values in predicted.items()
     }
     chosen = simplest(errors) if errors else STRUCTURES[0]
-    return replace(fit_structure(data, chosen, errors), predicted=predicted)
+    return replace(fit_structure(data, chosen), predicted=predicted)
 
 
 def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
@@ -106,14 +103,8 @@ def _held_out(data: Sums, fold: Int, fit: Callable[[Sums], TotalFit]) -> Float:
     return predict_held_out(fold, lambda train, test: predict(data[test], fit(rest[train])))
 
 
-def fit_structure(
-    data: Sums, structure: Structure, errors: dict[Structure, float] | None = None
-) -> TotalFit:
-    """Return the fit of one structure.
-
-    Args:
-        errors: On blocks not seen, for the record. [W]
-    """
+def fit_structure(data: Sums, structure: Structure) -> TotalFit:
+    """Return the fit of one structure."""
     n_joints = len(data.names)
     columns, names, place = _columns(data, structure)
     shaft = 0.0 if structure == "constant" else data.shaft
@@ -146,7 +137,6 @@ def fit_structure(
         losses,
         coefficients,
         deviations,
-        dict(errors or {}),
         np.stack([spread({**none, name: 1.0}) for name in known], axis=-1),
     )
 

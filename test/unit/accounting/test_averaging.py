@@ -12,6 +12,7 @@ from hypothesis import given
 
 from accounts import power_block
 from robot_energy.accounting.account import EnergyAccount
+from robot_energy.certainty.deviation import FORM, LOSS_GRID
 from robot_energy.pipeline import Settings
 from robot_energy.timeline.blocks import Phase
 
@@ -59,6 +60,19 @@ def test_the_phase_that_held_longest(stamp_ms, phase, expected):
 def test_a_gap_is_no_phase():
     assert phases([0, 10, 70, 80, 90], [H, H, M, M, U], segment=[0, 0, 1, 1, 1]) == [U]
     assert phases([0, 20, 70, 80, 85], [H, H, M, M, U], segment=[0, 0, 1, 1, 1]) == [H]
+
+
+def test_the_mean_power_is_what_is_drawn_less_what_is_returned():
+    """60 W for 50 ms, then -20 W: trapezoids of 60, of 60 to -20 and of -20 W in equal parts."""
+    power = np.array([60.0, 60.0, -20.0, -20.0])
+    block = power_block(np.array([0, 25, 50, 75]) * MS, power)
+    account = EnergyAccount(2, Settings(power_period=0.1))
+    (mean,) = [part for part in (account.step(block), account.flush()) if part is not None]
+    drawn, returned = (60.0 + 30.0) / 3.0, (10.0 + 20.0) / 3.0
+    assert mean.cabinet[0, :2] == pytest.approx([drawn, returned])
+    assert mean.predicted_power == pytest.approx([20.0])
+    # 5 % of the power of each sample, over the time up to it
+    assert mean.deviation[0, [LOSS_GRID, FORM]] == pytest.approx([4.0, (3.0 + 1.0 + 1.0) / 3.0])
 
 
 @given(

@@ -1,9 +1,11 @@
 """Curves for plots: bounded rows, all joules, the same however the input is cut."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from robot_energy.accounting.energy_curve import EnergyCurve
+from robot_energy.accounting.energy_curve import EnergyCurve, add_means
 
 
 def taken(count, cuts, max_rows, pieces=3):
@@ -50,3 +52,18 @@ def test_nothing_gives_nothing():
     curve = EnergyCurve(1)
     curve.add(nothing, nothing, np.empty((0, 1)))
     assert len(curve.rows().stamp_ns) == 0
+
+
+def test_means_of_known_power_are_energies_of_their_periods():
+    """100 W for 2 s and 50 W for half a second; nothing of what is not known."""
+    means = SimpleNamespace(
+        stamp_ns=np.array([3, 4, 5, 6]) * 10**9,
+        predicted_power=np.array([100.0, np.nan, 50.0, 70.0]),
+        period=np.array([2.0, 1.0, 0.5, 0.0]),
+    )
+    curve = EnergyCurve(1)
+    add_means(curve, means)
+    rows = curve.rows()
+    assert rows.stamp_ns.tolist() == [3 * 10**9, 5 * 10**9]
+    assert rows.duration_ns.tolist() == [2 * 10**9, 5 * 10**8]
+    assert rows.energy.tolist() == [[200.0], [25.0]]

@@ -1,11 +1,13 @@
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
-from accounts import power_block
+from accounts import SECOND, power_block
 from robot_energy.accounting.exact_sum import ExactSum
-from robot_energy.accounting.registers import Registers
+from robot_energy.accounting.registers import Coverage, Registers
+from robot_energy.timeline.blocks import HeldRows
 
 
 def integrate(stamp_s, power, segment=None):
@@ -90,3 +92,21 @@ def test_short_blocks_wait_and_are_taken_back():
     for each in (short, taken_back):
         np.testing.assert_array_equal(each.microjoule, whole.microjoule)
         np.testing.assert_array_equal(each.remainder, whole.remainder)
+
+
+def test_deviations_are_integrated_up_to_the_newest_sample():
+    """Computed at 0 and 1 s, then held: 2 to 4 W over a second, and 4 W for two more."""
+    registers = Registers(2)
+    values = np.broadcast_to([[2.0], [4.0]], (2, registers.deviation.size))
+    held = HeldRows(values, np.array([0, 1, 1, 1]), np.array([True, True, False, False]))
+    block = power_block(np.arange(4) * SECOND, np.full(4, 100.0))
+    registers.step(replace(block, deviation=held))
+    np.testing.assert_allclose(registers.deviation, 3.0 + 8.0)
+
+
+def test_time_around_the_samples_is_a_gap_at_the_end_that_has_it():
+    time = Coverage(start_ns=5, end_ns=9)
+    time.count(4, 0, 0, 0)
+    time.surround(3, 0)
+    assert (time.start_ns, time.end_ns, time.span_ns) == (2, 9, 7)
+    assert (time.gap_ns, time.gap_count) == (3, 1)

@@ -9,7 +9,9 @@ import robot_energy as re
 from places import ROOT
 from robot_energy.foundation.errors import BagError
 from robot_energy_cli.main import main
+from robot_energy_identify.cabinet import supply
 from robot_energy_identify.provenance import require_distinct
+from robot_energy_identify.stats.lag import Delay
 
 BAG = ROOT / "bags/kr16_cold"
 ONE_KIND = (
@@ -88,9 +90,18 @@ def test_what_cannot_be_read_is_left_to_those_who_read_it(tmp_path):
         re.identify_cabinet([tmp_path / "none"] * 2, "kr16")
 
 
-def test_without_a_dc_loss_the_grid_side_is_the_mean_of_both_phases():
+def test_hard_braking_shows_the_loss_on_the_grid_side():
+    """Behind a meter with a low pass of 0.3 s; the plant was recorded with 348 W."""
+    losses = re.identify_cabinet(ROOT / "bags/drawn_train_cold", "kr16").found.losses
+    assert losses.loss_grid == pytest.approx(348.0, rel=0.05)
+    assert losses.loss_dc > 0.0
+
+
+def test_without_a_dc_loss_the_grid_side_is_the_mean_of_both_phases(monkeypatch):
     """Both phases show the grid side alone: with the variances a and b of HOLD and GENERATING
-    (b HOLD + a GENERATING) / (a + b), and they agree here."""
+    (b HOLD + a GENERATING) / (a + b), and they agree here with a low pass that is too short."""
+    short = Delay(0.2525, 0.02, 0.4, 0.2525, False, 1.0)
+    monkeypatch.setattr(supply, "meter_lags", lambda _: (short, None))
     result = re.identify_cabinet(ROOT / "bags/drawn_train_cold", "kr16")
     losses, cabinet = result.found.losses, result.model.cabinet
     hold, braking = losses.hold, losses.generating

@@ -21,7 +21,7 @@ from robot_energy.certainty.deviation import (
 )
 from robot_energy.certainty.figure_deviations import TORQUE_TAG, payload_shares
 from robot_energy.certainty.friction_certainty import FrictionCertainty
-from robot_energy.certainty.priors import SPREAD
+from robot_energy.certainty.priors import MISSING_LOSS, SPREAD
 from robot_energy.foundation.errors import ModelFileError
 from robot_energy.model import RobotModel, validate
 from robot_energy.model.payload import Payload, payload
@@ -322,6 +322,25 @@ def test_nothing_of_the_bus_is_unsure_while_the_brake_takes_all():
     assert (columns["drive of elbow"][braked] == 0).all()
     assert (columns["constant loss, grid side"][braked] > 0).all()
     assert (columns["friction of shoulder"][~braked] > 0).any()
+
+
+def test_a_drive_without_losses_is_as_unsure_as_its_shaft_power_is_great():
+    found = data()
+    found["drive"] = "ideal"
+    for joint in found["joints"]:
+        del joint["losses"]
+    pipeline = EnergyPipeline(made(found), Settings(temperature_wait=0.0))
+    stamp = 50.0 + np.arange(0.0, 2.0, 0.004)
+    turned = np.stack([2.0 * stamp, 3.0 * stamp], axis=1)
+    block = robots.joint_block(stamp, turned, np.full_like(turned, [2.0, 3.0]))
+    power = pipeline.step(block).power
+    assert power is not None
+    row = int(np.flatnonzero(power.deviation.begins)[-1])
+    drives = len(CABINET_DEVIATIONS) + 2
+    shaft = power.rigid_power[row] + power.friction_power[row]
+    assert (np.abs(power.friction_power[row]) > 0.01 * np.abs(shaft)).all()
+    deviation = np.asarray(power.deviation)[row, drives : drives + 2]
+    np.testing.assert_allclose(deviation, MISSING_LOSS * np.abs(shaft))
 
 
 def test_the_payload_has_its_share_of_the_torque():

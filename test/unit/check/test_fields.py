@@ -14,8 +14,8 @@ from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
 from robot_energy_identify.check import check
+from robot_energy_identify.check.field_lag import field_lag
 from robot_energy_identify.check.finding import PARAMETERS
-from robot_energy_identify.check.lateness import lateness
 from robot_energy_identify.check.meter import readings_once
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.refused_recordings import on_one_clock, refuse_motion
@@ -103,16 +103,16 @@ def test_an_effort_of_0_throughout_is_that_of_a_joint_without_one(tmp_path):
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.3, -0.3])
-def test_lateness_counts_neither_sign_nor_scale_nor_what_does_not_move(lag):
+def test_a_lag_counts_neither_sign_nor_scale_nor_what_does_not_move(lag):
     time = np.arange(3000) * 0.01
     moves = np.sin(time) + np.sin(2.7 * time)
     still = np.random.default_rng(0).normal(size=len(time))
     joints = [(moves[:, None], -5.0 * np.interp(time - lag, time, moves)), (still[:, None], still)]
     noise = np.random.default_rng(1).normal(size=len(time))
     joints.append((noise[:, None], np.zeros(len(time))))
-    assert lateness(time, joints[:1] + joints[2:], 0.05) == pytest.approx(lag, abs=0.02)
-    assert lateness(time[:500], [(one[:500], two[:500]) for one, two in joints], 0.05) == 0.0
-    assert lateness(time, joints[:1], 0.5) == 0.0
+    assert field_lag(time, joints[:1] + joints[2:], 0.05) == pytest.approx(lag, abs=0.02)
+    assert field_lag(time[:500], [(one[:500], two[:500]) for one, two in joints], 0.05) == 0.0
+    assert field_lag(time, joints[:1], 0.5) == 0.0
 
 
 @pytest.mark.parametrize("times", [1, 2, 5])

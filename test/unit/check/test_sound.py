@@ -74,9 +74,14 @@ def test_a_payload_of_two_kilograms_is_named_with_such_bodies(tmp_path):
     assert not check(one.bag, model, one.effort).errors
 
 
-def test_a_robot_of_another_size_with_the_same_joint_names_is_named(tmp_path):
+@pytest.fixture(scope="module")
+def ur5e(tmp_path_factory):
+    return on_the_rig("ur5e", 1, tmp_path_factory.mktemp("ur5e"))
+
+
+def test_a_robot_of_another_size_with_the_same_joint_names_is_named(ur5e):
     """One scale explains the torque of a UR5e nearly as well as the bodies of a UR5e do."""
-    one = on_the_rig("ur5e", 1, tmp_path)
+    one = ur5e
     (found,) = check(one.bag, load("ur10e"), one.effort).errors
     assert found.cause == "other_robot"
     assert "the shipped model ur5e" in found.sentence
@@ -109,11 +114,11 @@ def test_a_model_without_torque_constants_is_not_that_of_a_recorded_current(tmp_
     assert "other_robot" not in causes(check(bag, model, EffortMeaning.MOTOR_CURRENT))
 
 
-def test_another_robot_is_not_named_against_one_of_the_recordings(tmp_path):
+def test_another_robot_is_not_named_against_one_of_the_recordings(ur5e, tmp_path):
     wrong = load("ur10e")
     small, large = (
         torque_evidence(read_recording(one.bag, wrong, one.effort), one.effort)
-        for one in (on_the_rig(robot, 1, tmp_path) for robot in ("ur5e", "ur10e"))
+        for one in (ur5e, on_the_rig("ur10e", 1, tmp_path))
     )
     for parts, named in (((small,), True), ((small, large), False)):
         found, _ = check_torque(small, [part.thinned() for part in parts])

@@ -79,6 +79,8 @@ def test_simulate_records_a_bag_that_replays(
     text = capsys.readouterr().out
     assert "Predicted and measured" in text
     assert "origin" in text  # results on the rig are labelled so
+    assert main(["info", bag]) == 0
+    assert "origin: virtual" in capsys.readouterr().out
     assert "seed" in refused(capsys, "simulate", "--out", tmp_path / "x", "--seed", "-1")
 
 

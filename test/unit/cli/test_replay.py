@@ -12,7 +12,6 @@ import yaml
 from command_line import refused
 from logbook import WHEEL_MAPPING, mapping, wheel_bag, wheel_csv, wheel_model, write_csv
 from places import ROOT
-from robot_energy.bag import BagReader
 from robot_energy.model import load, save
 from robot_energy_cli import main
 from robot_energy_logs.log_import import import_log
@@ -47,8 +46,10 @@ def test_replay_prints_tables_and_writes_all_outputs(
     assert summary["comparison"]["measured_energy"] == pytest.approx(800.0)
     assert summary["compared_with"]["model"]["change"] == "friction fixed at 40 degC"
     assert outputs[2].read_bytes().startswith(b"\x89PNG")
+    assert main(["info", str(outputs[0])]) == 0
+    listing = capsys.readouterr().out
     for topic in ("joint_torque", "joint_friction", "power", "registers"):
-        assert f"/energy/{topic}" in BagReader(outputs[0]).topics
+        assert f"/energy/{topic}" in listing
     assert "exists" in refused(capsys, *args)
     assert main([*args, "--overwrite"]) == 0
 
@@ -131,6 +132,7 @@ def test_bags_that_cannot_be_used(tmp_path: Path, capsys: pytest.CaptureFixture[
     bag, model = wheel_bag(tmp_path), wheel_model(tmp_path)
     command = ("replay", bag, "--model", model)
     assert "does not exist" in refused(capsys, "replay", tmp_path / "no", "--model", model)
+    assert "does not exist" in refused(capsys, "info", tmp_path / "no")
     assert "has no /joints" in refused(capsys, *command, "--joint-states", "/joints")
     wrong_type = refused(capsys, *command, "--joint-states", "/power_meter")
     assert "/joint_states" in wrong_type  # what would have been right
@@ -171,6 +173,8 @@ def test_a_truncated_bag_is_read_in_part_and_exits_with_3(
     summary = json.loads(report.read_text())
     assert summary["problems"]
     assert 10e9 < summary["time"]["observed_ns"] < 200e9
+    assert main(["info", str(tmp_path / "bag")]) == 3
+    assert "problem: " in capsys.readouterr().out
 
 
 def test_a_bag_cut_in_its_first_chunk_is_called_damaged(

@@ -144,6 +144,13 @@ def test_a_meter_that_reads_a_fifth_too_much_moves_no_gear_that_is_judged(tmp_pa
     assert not any("corrected" in note for note in wrong.notes)
 
 
+def test_readings_within_the_band_are_counted_by_the_figures_of_the_model(tmp_path):
+    """The model says 68 W and the meter 300 W; the band that follows the meter soon holds it."""
+    bag, model = wheel_bag(tmp_path, 300.0, seconds=40.0, rate=50.0), wheel_model(tmp_path)
+    assert re.replay(bag, model=model).report.uncertainty.inside > 0.3
+    assert re.evaluate(bag, model).recordings[0].band_inside == 0.0
+
+
 @pytest.mark.parametrize("gear", [False, True])
 def test_torque_that_has_corrected_a_gear_is_said_where_torque_is_judged(bag, gear):
     notes = re.evaluate(bag, wheel(gear), effort="motor_torque").recordings[0].notes

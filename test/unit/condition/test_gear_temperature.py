@@ -5,7 +5,8 @@ import pytest
 
 import robots
 from robot_energy.certainty.deviation import TEMPERATURE
-from robot_energy.condition.thermal_state import GEAR, ThermalState
+from robot_energy.condition.thermal_state import AMBIENT, GEAR, ThermalState
+from robot_energy.model.schema import TemperatureSettings
 from robot_energy.pipeline import EnergyPipeline, Settings
 from robot_energy.timeline.blocks import (
     EffortMeaning,
@@ -95,6 +96,21 @@ def test_a_thermometer_that_reads_too_high_shifts_its_gear_and_no_deviation():
     assert AIR < degc < MOTOR + 20.0
     assert high - degc == pytest.approx(offset, rel=1e-9)
     assert high_std == pytest.approx(std, rel=1e-9)
+
+
+def test_a_temperature_corrects_by_its_share_of_what_is_not_known():
+    """5 K of the motor and 3 K of the air, together 34 K^2, against a thermometer of 4 K^2."""
+    model = wheel()
+    state = ThermalState(
+        [None] * 2, [model.joints[0].gear] * 2, TemperatureSettings(fallback_degc=22.0)
+    )
+    before, other = state.x[0].copy(), state.covariance[1].copy()
+    state.correct(0, before[:1] + 19.0, np.array([4.0, np.inf]))
+    assert state.x[0, 0] - before[0] == pytest.approx(19.0 * 34.0 / 38.0)
+    assert state.x[0, AMBIENT] - before[AMBIENT] == pytest.approx(19.0 * 9.0 / 38.0)
+    assert state.std(0)[0] ** 2 == pytest.approx(34.0 * 4.0 / 38.0)
+    assert state.std(AMBIENT)[0] ** 2 == pytest.approx(9.0 - 9.0**2 / 38.0)
+    np.testing.assert_array_equal(state.covariance[1], other)
 
 
 def test_the_range_of_the_law_is_that_of_the_gear():

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -31,9 +32,14 @@ def rig(rate_hz=100.0, seed=3) -> VirtualRig:
     return VirtualRig(PROFILE, work(PROFILE, seed), seed=seed, rate_hz=rate_hz)
 
 
+@cache
+def recorded(seconds, rate):
+    return rig(rate).step(round(seconds * rate))
+
+
 def run(learning, with_torque, cuts, seconds=150, rate=50.0, model=WRONG) -> EnergyPipeline:
     """Feed the rig's samples in pieces; temperatures and readings come with their own stamps."""
-    output = rig(rate).step(round(seconds * rate))
+    output = recorded(seconds, rate)
     joints = joint_block(output.joints, with_torque)
     pipeline = pipeline_of(model, learning, with_torque)
     stamps = joints.stamp_ns

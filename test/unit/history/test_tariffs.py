@@ -221,6 +221,20 @@ def test_a_tariff_of_the_same_day_takes_the_place_and_the_earlier_one_is_kept(tm
         stored_tariffs(tmp_path)
 
 
+def test_costs_in_two_currencies_are_not_added_up(tmp_path):
+    recorded(tmp_path, ns(2026, 3, 1), 1)[0].close()
+
+    def tariff(day: int, currency: str, price: float | None = 0.3) -> Tariff:
+        begin = datetime(2026, 1, day).date()
+        return Tariff(begin=begin, currency=currency, price_per_kwh=price)
+
+    add_tariffs(tmp_path, [tariff(1, "EUR"), tariff(2, "CHF", None)], 0)
+    with refused(HistoryError, found="CHF and EUR", expected="one currency"):
+        add_tariffs(tmp_path, [tariff(3, "CHF")], 0)
+    add_tariffs(tmp_path, [tariff(1, "CHF"), tariff(3, "CHF")], 0)  # which takes the place
+    assert [one.currency for one in stored_tariffs(tmp_path)] == ["CHF"] * 3
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [(('"06:30"', '"06:40"'), "quarter"), (("Europe/Berlin", "Europe/Berln"), "Europe/Berlin"),

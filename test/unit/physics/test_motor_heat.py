@@ -42,6 +42,15 @@ def test_one_node_is_an_exponential_towards_power_over_conductance():
     assert (gain[0, :, 1] == 0.0).all()  # nothing but the motor takes heat
 
 
+def test_a_motor_without_a_network_takes_no_heat_and_cools_to_the_ambient():
+    """After its time constant exp(-1) of the temperature above the ambient is left."""
+    motor = MotorHeat.of([None], cooling=600.0)
+    transition, gain = motor.step(600.0)
+    assert transition[0, 0, 0] == pytest.approx(np.exp(-1.0), rel=1e-9)
+    assert (gain == 0.0).all()
+    assert (motor.share.item(), motor.idle.item()) == (1.0, 0.0)
+
+
 def test_several_motors_are_independent():
     both = heat({**ENTRY, **STRUCTURE}, ENTRY).step(10.0)
     for place, entry in enumerate(({**ENTRY, **STRUCTURE}, ENTRY)):

@@ -29,6 +29,7 @@ COMMANDS = {
     "compare": ["replay", BAG, "--model", "kr16", "--compare", "22"],
     "shaft": ["replay", BAG, "--model", "kr16", "--effort", "motor_torque"],
     "model": ["model", "check", "kr16"],
+    "bag": ["info", BAG],
     "cabinet": ["identify", "cabinet", BAG, "--model", "kr16"],
 }
 

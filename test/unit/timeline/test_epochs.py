@@ -65,6 +65,13 @@ def test_the_first_message_may_be_the_wrong_one(by):
     assert sort(EpochSplitter(), stamps)[1:] == ([stamps[0]], [])
 
 
+def test_three_messages_are_given_out_before_one_confirms_another():
+    """The fourth, 180 s before the third, is refused and begins no epoch."""
+    stamps = [100 * S, 50 * S, 200 * S, 20 * S, 300 * S]
+    found = sort(EpochSplitter(Reach(prompt=True)), stamps, flush=False)
+    assert found == ([100 * S, 50 * S, 200 * S], [20 * S], [50 * S])
+
+
 @pytest.mark.parametrize("reach", REACHES)
 def test_a_loop_and_a_pause_lose_nothing(reach):
     stamps = [*ticks(100), *ticks(50), *ticks(80)]

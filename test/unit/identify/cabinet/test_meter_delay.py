@@ -184,6 +184,29 @@ def test_a_low_pass_is_found_behind_a_clock_that_is_ahead(varied, ahead):
     assert delay.applied == pytest.approx(-ahead, abs=0.02)
 
 
+def raised(part, rise):
+    """The same recording with a meter that shows more by so much over time [W]."""
+    meter = replace(part.meter, power=part.meter.power + rise(np.arange(len(part.meter))))
+    return replace(part, meter=meter, known=None)
+
+
+@pytest.mark.parametrize(
+    "rise", [lambda reading: 60.0 * (reading % 400 > 200), lambda reading: 0.15 * reading]
+)
+def test_a_low_pass_does_not_take_up_a_level_that_is_off(varied, rise):
+    """As that of a load that is switched, or of friction that changes with the temperature."""
+    alone = estimate_time_constant(data_of(varied)).applied
+    assert estimate_time_constant(data_of(raised(varied, rise))).applied == pytest.approx(
+        alone, rel=0.03
+    )
+
+
+def test_a_low_pass_is_not_shorter_where_speeds_are_late(varied):
+    alone = estimate_time_constant(data_of(varied)).applied
+    late = data_of(varied.with_meter_earlier(0.02))
+    assert estimate_time_constant(late).applied == pytest.approx(alone, rel=0.02)
+
+
 @pytest.mark.parametrize("late", [-0.3, 0.3, 5.0])
 def test_a_clock_that_differs_from_the_others_is_found_and_undone(varied, late):
     off = varied.with_meter_earlier(-late)

@@ -22,7 +22,7 @@ MIN_SPAN = 10.0  # s
 MIN_ROWS, MAX_ROWS = 50, 2000
 
 
-def lateness(time: Float, joints: Iterable[tuple[Float, Float]], least: float) -> float:
+def field_lag(time: Float, joints: Iterable[tuple[Float, Float]], least: float) -> float:
     """Return how late values of joints are, 0 where that is little or not known. [s]
 
     Args:
