@@ -200,21 +200,11 @@ def _parser() -> Parser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     parser.set_defaults(debug=False, run=_run_help)
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
-<<<<<<< HEAD
-    for command in (*COMMANDS, *_further(), completion.COMMAND):
-=======
     # Those of other packages, such as that of the papers, by the entry points they declare.
     further = [entry.load() for entry in installed(ENTRY_POINTS)]
     for command in (*COMMANDS, *further, completion.COMMAND, HELP):
->>>>>>> main
         command.add_parser(commands)
     return parser
-
-
-@cache
-def _further() -> tuple[Command, ...]:
-    """Those of other packages, as of the papers; to read what declares them takes 30 ms."""
-    return tuple(entry.load() for entry in entry_points(group=ENTRY_POINTS))
 
 
 def _run_help(args: Namespace) -> int:

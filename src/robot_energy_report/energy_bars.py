@@ -23,10 +23,11 @@ BAR = 0.45  # inch per run
 def energy_bars(energies: Sequence[EnergyBreakdown], labels: Sequence[str], path: Target) -> None:
     """Draw where the energy of each run goes."""
     with canvas(path, (8.0, 1.1 + BAR * len(energies))) as figure:
-        _bars(figure.subplots(), energies, labels)
+        add_bars(figure.subplots(), energies, labels)
 
 
-def _bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
+def add_bars(axes: Axes, energies: Sequence[EnergyBreakdown], labels: Sequence[str]) -> None:
+    """Draw them into axes."""
     scale, count = scale_of(energies), len(energies)
     place = np.arange(count)[::-1]
     right, left = np.zeros(count), np.zeros(count)

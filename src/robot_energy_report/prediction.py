@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from robot_energy.results.energy import EnergyBreakdown
 from robot_energy_plan.prediction import START_NS, Prediction
 from robot_energy_plan.results.prediction import PredictionReport, PredictionsReport
 from robot_energy_report.canvas import SERIES, Axes, Target, canvas
@@ -18,7 +19,7 @@ from robot_energy_report.energy import (
     scale_of,
     sum_of_known,
 )
-from robot_energy_report.energy_bars import energy_bars
+from robot_energy_report.energy_bars import BAR, add_bars, energy_bars
 from robot_energy_report.formats import (
     energy_text,
     fixed,
@@ -41,8 +42,6 @@ def power_curves(results: Sequence[Prediction], labels: Sequence[str], path: Tar
         _curves(figure.subplots(), results, labels)
 
 
-<<<<<<< HEAD
-=======
 def energy_and_power(
     results: Sequence[Prediction],
     energies: Sequence[EnergyBreakdown],
@@ -57,7 +56,6 @@ def energy_and_power(
         _curves(axes[1], results, labels)
 
 
->>>>>>> main
 def _curves(axes: Axes, results: Sequence[Prediction], labels: Sequence[str]) -> None:
     longest = max(result.duration for result in results)
     unit, second = ("min", MINUTE) if longest > MAX_TIME_IN_SECONDS else ("s", 1.0)

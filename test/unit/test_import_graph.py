@@ -125,11 +125,7 @@ MODULES = {
         cabinet dc_link fan levels link_readings phase_readings supply thermometers
     """,
     "robot_energy_identify.check": """
-<<<<<<< HEAD
-        effort evidence finding lateness meter meter_step motion possible_causes process remedies
-=======
         effort evidence field_lag finding meter meter_step motion possible_causes process remedies
->>>>>>> main
         run torque torque_fit
     """,
     "robot_energy_identify.data": """
