@@ -312,7 +312,9 @@ def test_temperatures_of_two_robots_are_named_where_a_model_is_identified(
     others = {"ros2_energy_msgs/msg/MotorTemperatures": change}
     other = rewrite(bag, tmp_path / "other", None, None, others=others)
     path = model(tmp_path, (SHOULDER, ELBOW))
-    (note,) = refuse_motion(read_recording(other, load(path), EffortMeaning.NONE))
+    (note,) = refuse_motion(
+        read_recording(other, load(path), EffortMeaning.NONE), EffortMeaning.NONE
+    )
     assert "two sensors or robots may share a topic" in note
 
 

@@ -295,7 +295,7 @@ def test_a_fan_that_starts_in_no_recording_is_found_by_their_levels(tmp_path):
     bags = [record(rig(**light), 200.0, tmp_path / "warm_up").path]
     bags += [
         record(rig(start=degc, **light), 60.0, tmp_path / f"{degc:.0f}").path
-        for degc in (20.0, 45.0, 60.0)
+        for degc in (22.0, 45.0, 60.0)
     ]
     model = identify_friction(bags, "ur10e", "motor_torque").model
     fan = identify_cabinet(bags, model).model.cabinet.fan
