@@ -240,7 +240,7 @@ def readings_once(meter: MeterBlock) -> tuple[MeterBlock, str]:
     if (runs > 1).mean() < MOST_HELD or (np.abs(runs - usual) <= 1).mean() < REGULAR:
         return meter, ""
     step_ns = int(np.median(np.diff(meter.stamp_ns)))
-    since = np.arange(changes[0], len(meter))
+    since = np.arange(int(changes[0]), len(meter))
     run = np.searchsorted(changes, since, "right") - 1
     since -= changes[run]
     times = np.maximum(np.rint(np.diff(changes, append=len(meter)) / usual), 1.0)[run]
