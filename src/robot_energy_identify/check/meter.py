@@ -47,6 +47,7 @@ TORQUES = (
     "torque_sign",
     "torque_scale",
     "effort_meaning",
+    "effort_held",
     "effort_late",
     "effort_unsigned",
 )  # spoil shaft powers

@@ -16,11 +16,15 @@ from robot_energy.model import load
 from robot_energy.timeline.blocks import (
     EffortMeaning,
     Float,
+    Int,
     MeterBlock,
     MeterLocation,
     MeterMeaning,
+    TorqueBlock,
 )
 from robot_energy_identify.check import check
+from robot_energy_identify.check.effort import check_effort
+from robot_energy_identify.check.evidence import Remarks, evidence_of
 from robot_energy_identify.check.field_lag import field_lag
 from robot_energy_identify.check.finding import PARAMETERS
 from robot_energy_identify.check.meter import check_meter, readings_once
@@ -32,6 +36,8 @@ SOUND = ROOT / "bags/kr16_cold"
 SECONDS, RATE = 20.0, 250
 MODEL, MOTOR_TORQUE = load("kr16"), EffortMeaning.MOTOR_TORQUE
 JOINT = 1
+TIME = np.arange(2000) * 0.01  # s
+FRO = np.sin(2.0 * np.pi * TIME / 3.0 + 0.1)  # rad/s and N m: to and fro
 POSITIONS = "velocity_source: positions"
 
 
@@ -107,6 +113,74 @@ def test_a_little_late_is_as_drivers_are(field, tmp_path):
 def test_an_effort_of_0_throughout_is_that_of_a_joint_without_one(tmp_path):
     bag = rewrite(SOUND, tmp_path / "bag", scaled(("effort",), 0.0, [JOINT]), None, SECONDS)
     assert refuse_motion(read_recording(bag, MODEL, MOTOR_TORQUE), MOTOR_TORQUE) == ()
+
+
+def swinging(turns: Float, effort: Float, segment: Int | None = None) -> TorqueBlock:
+    """Two joints for 20 s at 100 Hz, whose bodies need torque of both signs.
+
+    Args:
+        turns: Velocity of the second, as its first turns to and fro, shape (N,). [rad/s]
+        effort: Torque measured of the second, shape (N,). [N m]
+        segment: Of each sample, with gaps of 3 s.
+    """
+    none = np.zeros((len(TIME), 2))
+    velocity = np.stack([FRO, turns], axis=1)
+    rigid = np.stack([FRO, FRO], axis=1)
+    measured = np.stack([FRO + 0.2 * np.sign(FRO), effort], axis=1)
+    numbers = np.zeros(len(TIME), dtype=np.int64) if segment is None else segment
+    return TorqueBlock(
+        ((TIME + 3.0 * numbers) * 1e9).astype(np.int64), numbers,
+        np.zeros(len(TIME), dtype=np.uint32), none, velocity, none, none, velocity, rigid, measured,
+        np.zeros(len(TIME)),
+    )  # fmt: skip
+
+
+def causes(torque: TorqueBlock) -> list[str]:
+    return [one.cause for one in check_effort(("one", "two"), torque)]
+
+
+def test_friction_holds_a_joint_that_stands_at_an_effort_of_one_sign_or_of_one_value():
+    """Its velocity has noise; brakes take all torque, and a driver rounds."""
+    noise = 4e-3 * np.random.default_rng(0).normal(size=len(TIME))
+    slow = 0.15 + 0.15 * np.sin(2.0 * np.pi * TIME / 8.0)
+    for effort in (0.3 + noise, np.round(slow, 1), np.where(TIME < 5.0, FRO, 0.0)):
+        turns = np.where((effort == FRO) & (TIME < 5.0), FRO, noise)
+        assert causes(swinging(turns, effort)) == []
+
+
+def test_an_effort_has_one_sign_where_a_joint_turns_one_way():
+    assert causes(swinging(1.0 + 0.5 * FRO, FRO + 1.2)) == []
+    for turns in (FRO, -FRO):  # behind a gear of either sign
+        assert causes(swinging(turns, np.abs(FRO) + 0.2)) == ["effort_unsigned"]
+
+
+def test_a_velocity_that_is_missing_hides_no_effort_of_one_sign():
+    turns = np.where(TIME == TIME[7], np.nan, FRO)
+    assert causes(swinging(turns, np.abs(FRO) + 0.2)) == ["effort_unsigned"]
+
+
+@pytest.mark.parametrize("missing", [slice(100, 101), slice(None, None, 50)])
+def test_a_message_without_effort_makes_no_effort_of_a_joint_without_one(missing):
+    effort = np.zeros(len(TIME))
+    effort[missing] = np.nan
+    assert causes(swinging(FRO, effort)) == []
+
+
+def test_an_effort_is_held_in_a_joint_that_moves_and_not_across_gaps():
+    held = np.where((TIME > 5.0) & (TIME < 9.0), FRO[500], FRO)
+    assert causes(swinging(FRO, held)) == ["effort_held"]
+    parts = (TIME / 1.5).astype(np.int64)
+    assert causes(swinging(FRO, held, parts)) == []
+
+
+@pytest.mark.parametrize("cause", ["effort_held", "effort_late", "effort_unsigned"])
+def test_shaft_powers_of_an_effort_that_is_wrong_are_not_held_against_the_meter(cause, tmp_path):
+    bag = rewrite(SOUND, tmp_path / "bag", scaled(("effort",), 10.0), None, SECONDS)
+    part = read_recording(bag, MODEL, MOTOR_TORQUE)
+    evidence = evidence_of(MODEL, MOTOR_TORQUE, part.torque, part.power, part.meter, Remarks())
+    found, without = check_meter(evidence)[0], check_meter(evidence, [cause])[0]
+    assert "shafts_exceed_meter" in {one.cause for one in found}
+    assert "shafts_exceed_meter" not in {one.cause for one in without}
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.3, -0.3])
