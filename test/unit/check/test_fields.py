@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from robot_energy_identify.check.field_lag import field_lag
 from robot_energy_identify.check.finding import PARAMETERS
 from robot_energy_identify.check.meter import check_meter, readings_once
 from robot_energy_identify.data.recordings import read_recording
-from robot_energy_identify.refused_recordings import on_one_clock, refuse_motion
+from robot_energy_identify.refused_recordings import _evidence_of, on_one_clock, refuse_motion
 from sound_recordings import read_with
 
 SOUND = ROOT / "bags/kr16_cold"
@@ -236,17 +237,54 @@ def test_a_counter_that_jumps_has_no_other_unit_and_no_other_sign(offset, factor
     assert not found & {"meter_sign", "meter_unit", "meter_exceeds"}
 
 
+def means(power: Float, step_ns: int) -> MeterBlock:
+    """Means of 0.1 s."""
+    interval, none = np.full(len(power), 0.1), np.full(len(power), np.nan)
+    place = MeterMeaning.MEAN_OVER_INTERVAL, MeterLocation.GRID
+    return MeterBlock(step_ns * np.arange(len(power)), power, none, interval, *place)
+
+
 def test_each_reading_counts_once_where_a_table_repeats_it_12_or_13_times():
     """And a value that the meter itself gives twice counts twice."""
     runs = np.tile([12, 13, 12], 20)
     runs[30] = 25
-    values = np.arange(len(runs)) % 7 + 100.0
-    power = np.repeat(values, runs)
-    stamp = np.arange(len(power)) * 8_000_000
-    interval, none = np.full(len(power), 0.1), np.full(len(power), np.nan)
-    place = MeterMeaning.MEAN_OVER_INTERVAL, MeterLocation.GRID
-    once, said = readings_once(MeterBlock(stamp, power, none, interval, *place))
+    values = 3.0 * np.random.default_rng(0).permutation(len(runs)) + 100.0
+    once, said = readings_once(means(np.repeat(values, runs), 8_000_000))
     assert "every 0.008 s, but change every 0.096 s" in said
     assert once.power.tolist() == np.insert(values, 30, values[30])[1:].tolist()
     assert once.interval.min() > 0.095
     assert once.interval.max() < 0.105
+
+
+@pytest.mark.parametrize(("rate", "resolution", "height"), [(50, 1.0, 10.0), (125, 10.0, 200.0)])
+def test_readings_that_follow_slow_power_by_steps_of_the_meter_are_not_repeated(
+    rate: int, resolution: float, height: float
+) -> None:
+    time = np.arange(60 * rate) / rate
+    waves = np.sin(0.5 * np.pi * time) + 0.3 * np.sin(1.15 * np.pi * time)
+    ramp = np.abs((time / 4.0) % 2.0 - 1.0)
+    for power in (300.0 + height * waves, 300.0 + height * ramp):
+        meter = means(resolution * np.round(power / resolution), 10**9 // rate)
+        assert readings_once(meter)[0] is meter
+
+
+def test_an_idle_robot_does_not_decide_what_is_repeated() -> None:
+    """Power that goes to and fro by 1 W every 0.5 s, and fresh readings of motion at last."""
+    idle = 250.0 + np.arange(2000) // 5 % 2
+    moves = np.random.default_rng(0).permutation(40) * 20.0 + 300.0
+    meter = means(np.append(idle, moves), 100_000_000)
+    assert readings_once(meter)[0] is meter
+    meter = means(np.append(idle, np.repeat(moves, 3)), 100_000_000)
+    assert "change every 0.3 s" in readings_once(meter)[1]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_counter_of_one_reading_has_no_power(count: int) -> None:
+    total = np.arange(count) * 10.0
+    none = np.full(count, np.nan)
+    read = read_recording(SOUND, MODEL, EffortMeaning.NONE)
+    place = MeterMeaning.CUMULATIVE, MeterLocation.GRID
+    meter = MeterBlock(read.torque.stamp_ns[1000 : 1000 + count], none, total, none, *place)
+    evidence = _evidence_of(replace(read, meter=meter), EffortMeaning.NONE)
+    assert check_meter(evidence) == ([], "0 readings have a prediction; 20 are needed")
