@@ -17,38 +17,38 @@ from robot_energy_studies import generated_fleet
 from robot_energy_studies.generated_fleet import FleetPlan
 
 
-def fleet(robots, faults=True, days=5, cycles=3) -> FleetTables:
+def fleet(robots, faults=True, days=5, cycles=3, pause=20.0) -> FleetTables:
     """A week of some robots; with faults one has another payload, one stands by at night."""
-    return _fleet(robots, faults, days, cycles)
+    return _fleet(robots, faults, days, cycles, pause)
 
 
 @cache
-def _fleet(robots, faults, days, cycles) -> FleetTables:
-    with short_bags(days, cycles):
+def _fleet(robots, faults, days, cycles, pause) -> FleetTables:
+    with short_bags(days, cycles, pause):
         return fleet_tables(FleetPlan(robots=robots, weeks=1, seed=3, faults=faults))
 
 
 @contextmanager
-def short_bags(days, cycles=3):
+def short_bags(days, cycles=3, pause=20.0):
     """Bags of so many cycles while this lasts, on so many days of a week; rarely sampled.
 
-    Each is made and read in one step, with a short pause at its end. Temperatures are held for ten
-    seconds: at night the rig would take one step for two samples.
+    Each is made and read in one step, and ends with a pause of at most so many seconds.
+    Temperatures are held for ten seconds: at night the rig would take one step for two samples.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generated_fleet, "CYCLES", cycles)
         patch.setattr(generated_fleet, "WORKDAYS", days)
         patch.setattr(generated_fleet, "RATE", 25.0)
-        patch.setattr(generated_fleet, "MAX_PAUSE", 20.0)
+        patch.setattr(generated_fleet, "MAX_PAUSE", pause)
         patch.setattr(generated_fleet, "NIGHT_RATE", 1.0)
         patch.setattr(virtual_rig, "BLOCK", 10.0)
         patch.setattr(fleet_study, "STEP", 3600.0)
         yield
 
 
-def dataset(folder, robots, faults=True, days=5) -> Path:
+def dataset(folder, robots, faults=True, days=5, pause=20.0) -> Path:
     """The same as the dataset of `fleet run`."""
-    return written(folder, fleet(robots, faults, days))
+    return written(folder, fleet(robots, faults, days, pause=pause))
 
 
 def written(folder, tables) -> Path:

@@ -173,6 +173,8 @@ def test_a_known_executable_gets_its_own_arguments(monkeypatch):
     seen: list[list[str]] = []
     monkeypatch.setattr(module, "main", lambda: seen.append(sys.argv[:]) or 3)
     monkeypatch.setattr(sys, "argv", ["ros2_energy_monitor", "player", "bag", "--rate", "5"])
+    # Another test may have imported it, which runpy warns of.
+    monkeypatch.delitem(sys.modules, "ros2_energy_monitor.__main__", raising=False)
     with pytest.raises(SystemExit) as caught:
         runpy.run_module("ros2_energy_monitor", run_name="__main__")
     assert caught.value.code == 3

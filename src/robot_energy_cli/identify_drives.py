@@ -91,7 +91,7 @@ def _run(args: Namespace) -> int:
     _check(args)
     data, model, torque, moved = _data(args)
     source = ", ".join(Path(name).name for name in args.bags or args.log)
-    found = find_drives(data, model, source, args.cutoff)
+    found = find_drives(data, model, source, cutoff=args.cutoff)
     if found.drives is not None:
         check_drives(data, found.drives)
     elif found.total is not None:

@@ -98,7 +98,7 @@ def test_the_report_is_whole_and_says_everything(outcome: Path) -> None:
         assert title in page
     for name in ("at_25", "at_40", "dynamics", "friction", "viscous elbow", "elbow Coulomb"):
         assert any(name in cell for cell in reader.cells), name
-    assert page.count("<img ") == 4  # friction, DC link, power, torque
+    assert page.count("<img ") == 3  # friction, DC link, power
     assert "virtual rig" in page
     assert "readings lie inside rest" in page  # why the cabinet was left as it is
     assert "robot-energy identify all" in page

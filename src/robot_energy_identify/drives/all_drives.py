@@ -24,6 +24,7 @@ from robot_energy_identify.drives.delays import (
 )
 from robot_energy_identify.drives.drive_data import DriveData, location
 from robot_energy_identify.drives.drives import DrivesFit, fit_drives, with_drives
+from robot_energy_identify.drives.efficiency_map import CUTOFF
 from robot_energy_identify.drives.total_covariance import total_covariance
 from robot_energy_identify.drives.total_power import (
     BY_LEVELS,
@@ -190,12 +191,15 @@ def find_drives(
     data: DriveData,
     model: RobotModel | None,
     source: str = "",
+    cutoff: float = CUTOFF,
+    *,
     in_time: bool = False,
 ) -> DrivesReport:
     """Return what the power of each drive and the meter say of the drives.
 
     Args:
         model: Of the robot; None for a log.
+        cutoff: Of the low-pass of the maps. [Hz]
         in_time: Whether delay and low pass of the meters are known and undone.
     """
     drives = delay = None
@@ -203,7 +207,7 @@ def find_drives(
         delay = estimate_power_delay(data)
         if delay is not None:
             data = with_delay_undone(data, delay.applied)
-        drives = fit_drives(data, source)
+        drives = fit_drives(data, source, cutoff)
     total = None
     if location(data) is not None:
         low_pass = lag = None

@@ -234,32 +234,31 @@ class _Moved(Described):
     stamp_ns: Annotated[Int, "Of every piece. [ns]"]
     power: Annotated[Float, "Of every piece. [W]"]
     parts: Annotated[
-        list[tuple[InsidePieces, Int, NDArray[np.bool_]]],
-        "Pieces inside the samples, their places among all, and which are taken.",
+        list[tuple[InsidePieces, Int, int]],
+        "Those inside the samples, their places among all that are taken, and how many these are.",
     ]
 
     @classmethod
     def of(cls, meter: MeterBlock, limits: MeterLimits, lag: float, integrals: Integrals) -> _Moved:
         stamp: list[Int] = []
         power: list[Float] = []
-        parts: list[tuple[InsidePieces, Int, NDArray[np.bool_]]] = []
-        for pieces in limits.pieces(undone(meter, lag)):
+        parts: list[tuple[InsidePieces, Int, int]] = []
+        for every in limits.pieces(undone(meter, lag)):
+            pieces = every[few(len(every))]
             inside = integrals.inside(pieces)
             place = np.searchsorted(pieces.stamp_ns, inside.pieces.stamp_ns)
-            used = few(len(pieces))
-            stamp.append(pieces.stamp_ns[used])
-            power.append(pieces.mean_power[used])
-            parts.append((inside, place, used))
+            stamp.append(pieces.stamp_ns)
+            power.append(pieces.mean_power)
+            parts.append((inside, place, len(pieces)))
         return cls(np.concatenate(stamp), np.concatenate(power), parts)
 
     def means(self, integrals: Integrals) -> Float:
         """Means of the columns over every piece; NaN where not known."""
         found: list[Float] = []
-        for inside, place, used in self.parts:
+        for inside, place, count in self.parts:
             mean = integrals.means_of(inside)
-            every = np.full((len(used), mean.shape[1]), np.nan)
-            every[place] = mean
-            found.append(every[used])
+            found.append(np.full((count, mean.shape[1]), np.nan))
+            found[-1][place] = mean
         return np.concatenate(found)
 
 

@@ -344,7 +344,7 @@ def test_the_basis_of_a_year_is_that_of_the_recordings():
 
 
 def test_a_dataset_gives_standby_and_no_places(tmp_path):
-    folder = dataset(tmp_path / "fleet", 1, faults=False)
+    folder = dataset(tmp_path / "fleet", 1, faults=False, pause=100.0)
     with pytest.raises(DatasetError, match="holds no bag of model"):
         dataset_evidence(folder, load("ur5e"))
     tables = read_tables(folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 from dataclasses import replace
 from functools import partial
 
@@ -323,3 +324,22 @@ def test_a_ramp_behind_a_low_pass_lags_by_its_time_constant():
         MeterLocation.GRID,
     )
     np.testing.assert_allclose(undone(meter, 0.0, 0.3).power, ramp, rtol=1e-9)
+
+
+def test_readings_that_are_not_used_take_no_memory_at_each_delay(varied, monkeypatch):
+    """Of 35,000 readings 700 are used; 41 delays of all would keep more than 100 MB."""
+    meter, ms = varied.meter, np.arange(35_000)
+    many = replace(
+        meter[ms // 50],
+        stamp_ns=meter.stamp_ns[0] + ms * 1_000_000,
+        interval=np.full(len(ms), 1e-3),
+    )
+    data = replace(data_of(varied), meters=(many,))
+    monkeypatch.setattr(thinned, "MOST_ROWS", 700)
+    tracemalloc.start()
+    try:
+        assert estimate_meter_delay(data) is not None
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 60e6

@@ -11,6 +11,7 @@ import drive_reports
 import robots
 from drive_reports import contents
 from driver_messages import Driver
+from places import ROOT
 from robot_energy.foundation.errors import LogFormatError, MissingTopicError, NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.replay.bag_replay import replay
@@ -268,6 +269,30 @@ def test_the_command_writes_a_model_that_the_monitor_runs(bags, tmp_path, capsys
     assert model.drive == "loss_model"
     assert {joint.losses.copper.tag for joint in model.joints} == {"identified"}
     assert replay(bags[0], model).account.registers.cabinet("grid_import") > 0
+
+
+def test_the_command_finds_and_undoes_the_low_pass_of_a_meter(tmp_path):
+    """The meter of the drawn plant has one of 0.3 s."""
+    report = tmp_path / "report.json"
+    bags = [str(ROOT / "bags" / f"drawn_train_{name}") for name in ("cold", "warm")]
+    words = ["identify", "drives", *bags, "--model", "kr16", "--effort", "motor_torque"]
+    assert main([*words, "--json", str(report)]) == 0
+    total = json.loads(report.read_text())["total"]
+    assert total["meter_time_constant"]["applied"] == pytest.approx(0.3, abs=0.02)
+    assert total["ways"]["identified"]["rms"] < 0.5 * total["ways"]["shaft"]["rms"]
+
+
+def test_the_command_takes_the_low_pass_of_the_maps(tmp_path):
+    report, bag = tmp_path / "report.json", drive_reports.record(tmp_path / "bag", 1, 4.0)
+    words = ["identify", "drives", str(bag), "--model", "kr16", "--effort", "motor_torque"]
+    words += ["--drive-power", "/drive_power", "--json", str(report)]
+    maps = []
+    for cutoff, options in ((5.0, []), (1.0, ["--cutoff", "1"])):
+        assert main([*words, *options]) == 0
+        found = json.loads(report.read_text())["drives"]
+        assert found["cutoff"] == cutoff
+        maps.append(found["axes"][0]["map"])
+    assert maps[0] != maps[1]
 
 
 def test_the_map_is_written_where_it_is_better(rig_fit):
