@@ -90,7 +90,7 @@ class Parameter(Described):
         except ParameterError:
             found = ()
         if not found:
-            given = list(items) or value
+            given = list(items) or cast("Any", value)
             raise ParameterError(f"parameter '{self.name}' of {owner} is {given!r}", self.expected)
         return found
 

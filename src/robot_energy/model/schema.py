@@ -253,9 +253,11 @@ class Urdf(ModelEntry):
         "Name of the topic on which the robot publishes it, such as ``robot_description``; read "
         "by the nodes, not by a replay.",
     ] = None
-    tags: Annotated[dict[str, Tag], "How kinematics, inertias ... are known, by group."] = Field(
-        default_factory=dict
-    )
+    tags: Annotated[
+        dict[str, Tag],
+        "How kinematics, inertias ... are known, by group; ``torque`` is of bodies and payload "
+        "together, as ``identify dynamics`` finds it.",
+    ] = Field(default_factory=dict)
     source: Annotated[str, "Where they come from."] = ""
 
     @model_validator(mode="after")
