@@ -212,14 +212,7 @@ def add_tariffs(folder: Path, tariffs: Sequence[Tariff], now_ns: int) -> None:
     One with the same begin holds from now on, and the earlier one is kept.
     """
     path = folder / FILE
-    held = _holding([*stored_tariffs(folder), *tariffs])
-    currencies = sorted({one.currency for one in held if one.price_per_kwh is not None})
-    if len(currencies) > 1:
-        raise HistoryError(
-            f"prices in {' and '.join(currencies)}, whose costs would be added up",
-            "one currency in a history",
-            "state all prices in one currency",
-        )
+    refuse_currencies(_holding([*stored_tariffs(folder), *tariffs]))
     lines = "".join(f"{now_ns} {one.model_dump_json()}\n" for one in tariffs).encode()
     try:
         file = open_unlinked(path, os.O_RDWR | os.O_CREAT, 0o600)
@@ -254,6 +247,17 @@ def stored_tariffs(folder: str | Path) -> list[Tariff]:
             "move it away, and add the tariffs again",
         ) from error
     return _holding(found)
+
+
+def refuse_currencies(tariffs: Sequence[Tariff]) -> None:
+    """Refuse prices in two currencies, whose costs would be added up."""
+    currencies = sorted({one.currency for one in tariffs if one.price_per_kwh is not None})
+    if len(currencies) > 1:
+        raise HistoryError(
+            f"prices in {' and '.join(currencies)}, whose costs would be added up",
+            "one currency in a history",
+            "add the earlier tariffs again, with the same begin, in the new currency",
+        )
 
 
 def _holding(tariffs: Sequence[Tariff]) -> list[Tariff]:

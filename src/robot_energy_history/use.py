@@ -31,6 +31,7 @@ from robot_energy_history.tariffs import (
     Tariff,
     day_begin,
     minute_of,
+    refuse_currencies,
 )
 
 DAYS_AT_ONCE = 31
@@ -66,6 +67,7 @@ def costs(
 
     Parts are of quarter hours or coarser, tariffs in order of their begin.
     """
+    refuse_currencies(tariffs)
     places = {number: place for place, number in enumerate(robots.values())}
     edges = np.array(bounds, dtype=np.int64)
     sums: dict[tuple[int, str], Sums] = {}

@@ -57,7 +57,7 @@ UNLIKE = 0.1  # of the size of torque: sound recordings of one robot differ by 0
 MAX_LATE = 0.6  # s: delay and low pass that are found together make a meter less late
 SAME_CLOCK = 0.1  # s by which lags of one meter differ: what a model leaves out makes 0.02
 LAG_SCATTER = 2.0  # s over the root of the readings: with 40, sound lags differ by up to 0.26 s
-MIN_SHARED, SHARED = 20, 0.5  # samples at one stamp, and share of them that are equal
+MIN_SHARED, SHARED = 20, 0.5  # changes at one stamp, and share of them that are equal
 MASSES_ASSUMED = "if the masses of the URDF are but a guess, say so: urdf: tags: {masses: assumed}"
 
 
@@ -212,8 +212,9 @@ def refuse_shared(recordings: Sequence[Recording]) -> None:
         stamps, mine, its = np.intersect1d(ours, theirs, return_indices=True)
         if len(stamps) < MIN_SHARED or torque.shape[1] != other.shape[1]:
             continue
-        if (torque[mine] == other[its]).all(axis=1).mean() > SHARED:
-            span = float(np.ptp(stamps)) * NANOSECOND
+        same = (torque[mine] == other[its]).all(axis=1)
+        if same.mean() > SHARED:
+            span = float(np.ptp(stamps[same])) * NANOSECOND
             raise BagError(
                 f"{first.path.name} and {second.path.name} hold the same {span:.0f} s",
                 "every moment once",
@@ -222,15 +223,24 @@ def refuse_shared(recordings: Sequence[Recording]) -> None:
 
 
 def _measured(recording: Recording) -> tuple[Int, Float]:
-    """Stamps [ns] and torques, or readings of the meter that change where none is measured."""
-    measured, meter = recording.torque.motor_torque_measured, recording.meter
-    if np.isfinite(measured).any():
-        return recording.torque.stamp_ns, np.nan_to_num(measured)
-    if meter is None:
-        return np.empty(0, dtype=np.int64), np.empty((0, 0))
-    values = np.nan_to_num(np.stack([meter.power, meter.energy], axis=1))
-    changed = np.diff(values.sum(axis=1), prepend=np.nan) != 0.0
-    return meter.stamp_ns[changed], values[changed]
+    """Stamps [ns] and torques that change, or readings of the meter where too few torques do."""
+    torque, meter = recording.torque, recording.meter
+    changes = _changes(torque.stamp_ns, torque.motor_torque_measured)
+    if meter is None or len(changes[0]) >= MIN_SHARED:
+        return changes
+    return _changes(meter.stamp_ns, np.stack([meter.power, meter.energy], axis=1))
+
+
+def _changes(stamps: Int, values: Float) -> tuple[Int, Float]:
+    """Return what is no repetition: rows of known values that differ from the row before.
+
+    A column that is never known is 0. Drives that are off repeat their torque, those of every day.
+    """
+    values = np.where(np.isfinite(values).any(axis=0), values, 0.0)
+    known = np.isfinite(values).all(axis=1)
+    stamps, values = stamps[known], values[known]
+    changed = (np.diff(values, axis=0, prepend=np.nan) != 0.0).any(axis=1)
+    return stamps[changed], values[changed]
 
 
 def refuse_meter(recordings: Sequence[Recording], effort: EffortMeaning) -> None:

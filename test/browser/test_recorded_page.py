@@ -115,6 +115,9 @@ def test_the_table_is_the_registers(opened, recording):
     assert float(shown["at the meter, measured"][0]) == account.comparison.measured_energy
     assert float(shown["at the meter, predicted"][0]) == account.comparison.predicted_energy
     assert float(shown["brake resistor"][0]) == account.registers.cabinet("brake")
+    heads = "[...document.querySelectorAll('#registers tbody tr')].map(r => r.cells[0].textContent)"
+    of_it = "from the grid, of it with learned figures"  # behind what it is a part of
+    assert opened.run(f"return {heads}")[:2] == ["from the grid, predicted", of_it]
     joints = opened.values("shaft")
     friction = account.registers.joints("friction")
     for place, name in enumerate(recording[1].model.joint_names):

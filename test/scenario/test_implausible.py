@@ -20,13 +20,13 @@ from refusals import refused
 from robot_energy.foundation.errors import BagError, ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.replay.api import replay as replayed
-from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy.timeline.blocks import EffortMeaning, Float
 from robot_energy_cli.main import main
 from robot_energy_identify import refused_recordings
 from robot_energy_identify.api.identify import identify_all, identify_friction
 from robot_energy_identify.check.evidence import Evidence
 from robot_energy_identify.check.finding import Finding
-from robot_energy_identify.data.recordings import read_recording
+from robot_energy_identify.data.recordings import Recording, read_recording
 from robot_energy_identify.refused_recordings import (
     notes_on_torque,
     refuse_motion,
@@ -290,6 +290,37 @@ def test_the_same_moments_in_two_recordings_are_refused(
     with refused(BagError, found=("part hold the same 12 s",)):
         refuse_shared([day, whole, cut])
     refuse_shared([replace(one, meter=None) for one in (whole, day)])
+
+
+@pytest.mark.parametrize("rest", [0.0, np.nan])
+def test_torque_that_rests_or_is_missing_is_no_moment_of_two_recordings(
+    bag: Path, tmp_path: Path, rest: float
+) -> None:
+    """Brakes hold both in the last 0.6 of the same stamps; they differ where torque is known."""
+    used = load(model(tmp_path, (SHOULDER, ELBOW)))
+    one = read_recording(bag, used, EffortMeaning.MOTOR_CURRENT)
+    measured = one.torque.motor_torque_measured
+
+    def with_torque(values: Float) -> Recording:
+        return replace(one, torque=replace(one.torque, motor_torque_measured=values))
+
+    begin = round(0.4 * len(measured))
+    braked, other = measured.copy(), 1.01 * measured
+    braked[begin:] = other[begin:] = rest
+    refuse_shared([with_torque(braked), with_torque(other)])
+    with refused(BagError, found="hold the same 12 s"):
+        refuse_shared([with_torque(braked), with_torque(measured)])
+    partly = measured.copy()
+    partly[round(0.6 * len(measured)) :] *= 1.01
+    with refused(BagError, found="hold the same 18 s"):
+        refuse_shared([with_torque(partly), with_torque(measured)])
+    without = with_torque(0.0 * measured)
+    with refused(BagError, found="hold the same 30 s"):
+        refuse_shared([without, without])
+    missing = measured.copy()
+    missing[:, 0] = np.nan
+    with refused(BagError, found="hold the same 30 s"):
+        refuse_shared([with_torque(missing), with_torque(missing)])
 
 
 def test_a_test_with_moments_of_the_fit_is_refused(bag: Path, tmp_path: Path) -> None:

@@ -47,10 +47,12 @@ TORQUES = (
     "torque_sign",
     "torque_scale",
     "effort_meaning",
+    "effort_held",
     "effort_late",
     "effort_unsigned",
 )  # spoil shaft powers
 MOST_HELD, REGULAR = 0.9, 0.7  # share of the runs of equal readings: two or more, as the usual
+ONE_STEP = 1.5  # times the least change of a meter, below which a change is one step of it
 LONGEST = 1.5  # usual intervals that a reading may stand for
 MIN_LAG_GAIN = 0.25  # share of the unexplained variance that a lag must take away
 
@@ -116,6 +118,8 @@ def _measured(evidence: Evidence) -> tuple[Float, Float]:
     meter = evidence.meter
     assert meter is not None
     time = (meter.stamp_ns - evidence.stamp_ns[0]) * NANOSECOND
+    if meter.meaning is MeterMeaning.CUMULATIVE and len(meter) < 2:
+        return time[:0], time[:0]
     if meter.meaning is MeterMeaning.CUMULATIVE:
         source, gap = evidence.inputs.meter, APART * float(np.median(np.diff(time)))
         limits = MeterLimits(
@@ -230,17 +234,20 @@ def readings_once(meter: MeterBlock) -> tuple[MeterBlock, str]:
     """Return each reading once where all of them are repeated, and a sentence that says so.
 
     They stand for the time since the one before. The slope of readings that are held is a
-    staircase, which no low pass of a meter is.
+    staircase, which no low pass of a meter is. Changes by the least step do not count: by the
+    resolution of a meter, power that hardly changes is a staircase, too.
     """
-    changes = np.flatnonzero(np.diff(meter.power) != 0.0) + 1
-    runs = np.diff(changes)
+    size = np.abs(np.diff(meter.power))
+    changes = np.flatnonzero(size != 0.0) + 1
+    size = size[changes - 1]
+    runs = np.diff(changes)[size[:-1] > ONE_STEP * np.nanmin(size, initial=np.inf)]
     if meter.meaning is MeterMeaning.CUMULATIVE or len(runs) < MIN_INTERVALS:
         return meter, ""
     usual = int(np.median(runs))
     if (runs > 1).mean() < MOST_HELD or (np.abs(runs - usual) <= 1).mean() < REGULAR:
         return meter, ""
     step_ns = int(np.median(np.diff(meter.stamp_ns)))
-    since = np.arange(changes[0], len(meter))
+    since = np.arange(int(changes[0]), len(meter))
     run = np.searchsorted(changes, since, "right") - 1
     since -= changes[run]
     times = np.maximum(np.rint(np.diff(changes, append=len(meter)) / usual), 1.0)[run]

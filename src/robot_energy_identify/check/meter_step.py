@@ -16,6 +16,7 @@ from functools import partial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from robot_energy.foundation.units import SECOND_NS
 from robot_energy.timeline.blocks import NANOSECOND, Float
@@ -28,6 +29,8 @@ MIN_STEP = 0.15  # of the mean power: sound recordings show 0.02 with a model th
 MIN_DEVIATIONS = 7.0  # sound recordings show 3, up to 6 with a model that is far off
 MAX_OFF = 0.2  # of the energy, that the model may miss on the better side of a step
 QUARTERS = 4
+LIKE = 0.05  # of the mean power, by which predicted powers of two quarters may differ,
+MIN_LIKE = 5  # in this many seconds of each, or readings further apart than a second
 ALIKE = 1e-3  # share of the variance of s that a and b p may leave, below which d is not known
 
 
@@ -72,7 +75,8 @@ def step_of(compared: Compared, start_ns: int) -> Finding | None:
         around = partial(sliding_window_view, window_shape=2 * width)
         row = np.arange(width, len(second) - width + 1)
         near = np.ptp(around(second), axis=1) < 2 * width * MAX_SPACING
-        for sure, step in _steps(around(measured), around(predicted)):
+        behind = np.arange(2 * width) >= width
+        for sure, step in _steps(around(measured), around(predicted), behind):
             is_step = near & fits[row - 1] & (np.abs(step) > least) & (sure > MIN_DEVIATIONS)
             columns = (values[is_step].tolist() for values in (sure, step, row))
             found += zip(*columns, strict=True)
@@ -96,31 +100,38 @@ def drift_of(compared: Compared) -> Finding | None:
     Args:
         compared: What a meter and the prediction of a model that was identified from it gave.
     """
-    since = compared.stamp_ns - compared.stamp_ns[0]
-    quarter = QUARTERS * since // (since[-1] + 1)
-    measured, predicted = (
-        np.bincount(quarter, values, QUARTERS) for values in (compared.measured, compared.predicted)
-    )
-    if not (measured > 0.0).all():
+    means = by_second(compared)
+    since = means.stamp_ns - means.stamp_ns[0]
+    quarter = QUARTERS * since // (since[-1] + SECOND_NS)
+    time = means.duration_ns * NANOSECOND
+    measured, predicted = means.measured / time, means.predicted / time
+    mean = float(np.abs(measured).mean())
+    ends = [predicted[quarter == place] for place in (0, QUARTERS - 1)]
+    if min(map(len, ends)) < MIN_LIKE:
         return None
-    off = predicted / measured
-    drift = float(off[0] - off[-1])
-    whole = float(predicted.sum() / measured.sum()) - 1.0
-    if abs(drift) <= max(MIN_STEP, 2.0 * abs(whole)):
+    low, high = max(map(np.min, ends)) - LIKE * mean, min(map(np.max, ends)) + LIKE * mean
+    like = (predicted >= low) & (predicted <= high) & (quarter % (QUARTERS - 1) == 0)
+    later = quarter[like] > 0
+    if min(later.sum(), (~later).sum()) < MIN_LIKE:
+        return None
+    sure, step = next(_steps(measured[None, like], predicted[None, like], later))
+    drift, off = float(step[0]), float(np.sqrt(np.mean((measured - predicted) ** 2)))
+    if not (abs(drift) > max(off, MIN_STEP * mean) and sure[0] > MIN_DEVIATIONS):
         return None
     return Finding(
         "meter_drift", WARNING, ("meter",),
-        f"the meter reads {100.0 * abs(drift):.0f} % {'more' if drift > 0.0 else 'less'} in the "
-        "last quarter than in the first at the same predicted power: another load rises or falls, "
-        "or the robot warms up in a way that its model does not know",
+        f"the meter reads {abs(drift):.0f} W {'more' if drift > 0.0 else 'less'} in the last "
+        "quarter than in the first at the same predicted power: another load rises or falls, "
+        "drives are switched off, or the robot warms up in a way that its model does not know",
         drift,
         "record again without other loads on the meter; of a warm-up record half an hour or more",
     )  # fmt: skip
 
 
-def _steps(measured: Float, predicted: Float) -> Iterator[tuple[Float, Float]]:
-    """Yield deviations and size of steps in the middle of rows, by a load, then by a scale. [W]"""
-    behind = np.arange(measured.shape[1]) >= measured.shape[1] // 2
+def _steps(
+    measured: Float, predicted: Float, behind: NDArray[np.bool_]
+) -> Iterator[tuple[Float, Float]]:
+    """Yield deviations and size of steps of rows, by a load, then by a scale. [W]"""
     power = predicted - predicted.mean(axis=1, keepdims=True)
     square = (power**2).sum(axis=1, keepdims=True)
 
@@ -130,7 +141,8 @@ def _steps(measured: Float, predicted: Float) -> Iterator[tuple[Float, Float]]:
         return values - power * np.divide(along, square, where=square > 0.0, out=0.0 * along)
 
     target = left(measured)
-    for column in (np.broadcast_to(behind, measured.shape).astype(np.float64), behind * predicted):
+    load, scale = np.broadcast_to(behind, measured.shape).astype(np.float64), behind * predicted
+    for column in (load, scale):
         rest = left(column)
         size = (rest**2).sum(axis=1)
         known = size > ALIKE * (column**2).sum(axis=1)

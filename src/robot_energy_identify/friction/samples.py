@@ -156,7 +156,7 @@ def friction_data(recordings: Sequence[Recording], joint: int) -> FrictionData:
         parts.append(replace(part, block=part.block + block, run=run))
         block += int(part.block[-1]) + 1 if len(part) else 0
     data = FrictionData.concatenate(parts)
-    if np.isfinite(data.motor_temperature_degc).mean() > LACKING:
+    if np.isfinite(data.motor_temperature_degc).sum() > LACKING * len(data):
         return data
     return replace(data, motor_temperature_degc=np.full(len(data), np.nan))
 

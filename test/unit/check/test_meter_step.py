@@ -125,11 +125,39 @@ def test_a_load_that_rises_slowly_is_no_step_but_a_drift() -> None:
     found = drift_of(compared(power, rising))
     assert step_of(compared(power, rising), BEGIN) is None
     assert found is not None
-    assert found.evidence == pytest.approx(0.25, abs=0.05)
-    assert "% more in the last quarter" in found.sentence
-    falling = drift_of(compared(power, rising[::-1].copy() * power / power[::-1]))
+    assert found.evidence == pytest.approx(300.0, rel=0.05)
+    assert found.sentence.startswith("the meter reads 299 W more in the last quarter")
+    falling = drift_of(compared(power, 2.0 * power - rising))
     assert falling is not None
-    assert "% less in the last quarter" in falling.sentence
+    assert "W less in the last quarter" in falling.sentence
     assert drift_of(compared(power, power)) is None
     assert drift_of(compared(power, 1.3 * rising)) is None  # the model does not fit at all
-    assert drift_of(compared(power, np.where(later(30, len(power)) > 0, 0.0, power))) is None
+
+
+@pytest.mark.parametrize("factor", [0.25, 2.0])
+def test_a_drift_is_what_the_meter_reads_more_in_the_last_quarter(factor: float) -> None:
+    power = np.full(100 * RATE, 300.0)
+    measured = power * np.where(later(75, len(power)) > 0, factor, 1.0)
+    found = drift_of(compared(power * measured.sum() / power.sum(), measured))
+    assert found is not None
+    assert found.evidence == pytest.approx((factor - 1.0) * 300.0, rel=0.02)
+    assert f"reads {abs(found.evidence):.0f} W" in found.sentence
+
+
+def test_a_drift_is_of_like_powers() -> None:
+    """A rest that reads less than the model has is compared with a rest of the first quarter."""
+    rest = later(75, 100 * RATE)
+    power = np.where(rest > 0, 250.0, np.resize(predicted(), len(rest)))
+    assert drift_of(compared(power, power - 170.0 * rest)) is None
+    rested = np.where(later(10, len(rest)) > 0, power, 250.0)  # as in the first quarter
+    found = drift_of(compared(rested, rested - 170.0 * rest))
+    assert found is not None
+    assert found.evidence == pytest.approx(-170.0, rel=0.05)
+
+
+def test_a_quarter_of_two_seconds_shows_no_drift() -> None:
+    power = predicted(100)
+    drifting = compared(power, power + 600.0 * later(75, len(power)))
+    assert drift_of(drifting) is not None
+    second = (drifting.stamp_ns - BEGIN) // SECOND_NS
+    assert drift_of(drifting[(second < 76) | (second == 99)]) is None

@@ -229,8 +229,14 @@ def test_costs_in_two_currencies_are_not_added_up(tmp_path):
         return Tariff(begin=begin, currency=currency, price_per_kwh=price)
 
     add_tariffs(tmp_path, [tariff(1, "EUR"), tariff(2, "CHF", None)], 0)
-    with refused(HistoryError, found="CHF and EUR", expected="one currency"):
+    again = {"found": "CHF and EUR", "expected": "one currency", "remedy": "with the same begin"}
+    with refused(HistoryError, **again):
         add_tariffs(tmp_path, [tariff(3, "CHF")], 0)
+    path = tmp_path / "tariffs.jsonl"
+    both = path.read_text() + f"0 {tariff(3, 'CHF').model_dump_json()}\n"  # as it was added before
+    path.write_text(both)
+    with refused(HistoryError, **again):
+        history(tmp_path, "2026-03-01", "2026-03-02")
     add_tariffs(tmp_path, [tariff(1, "CHF"), tariff(3, "CHF")], 0)  # which takes the place
     assert [one.currency for one in stored_tariffs(tmp_path)] == ["CHF"] * 3
 

@@ -6,8 +6,8 @@ const CORRECTED = ", corrected by learned figures";
 const SOURCES = { MEASURED: "measured", FALLBACK: "fallback", ESTIMATED: "estimated", UNKNOWN: DASH };
 const REGISTERS = [
   ["predicted_import_energy", "from the grid, predicted"],
+  ["predicted_energy_learned", "from the grid, of it with learned figures"],
   ["predicted_return_energy", "back to the grid, predicted"],
-  ["predicted_energy_learned", "of it with learned figures"],
   ["predicted_energy_band", "90 % band of the net energy, ±"],
   ["measured_energy", "at the meter, measured"],
   ["predicted_energy_at_meter", "at the meter, predicted"],

@@ -10,11 +10,14 @@ from rich.console import Console
 from scipy.optimize import curve_fit, least_squares
 
 from logbook import mapping, write_csv
+from places import ROOT
 from robot_energy.foundation.errors import LogFormatError, NotIdentifiableError
 from robot_energy.model import load
 from robot_energy.physics.friction import viscous_law
+from robot_energy.timeline.blocks import EffortMeaning
+from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.friction.friction import fit_friction
-from robot_energy_identify.friction.samples import FrictionData, friction_data_of_log
+from robot_energy_identify.friction.samples import FrictionData, friction_data, friction_data_of_log
 from robot_energy_identify.friction.temperature_study import Span, axis_study, temperature_split
 from robot_energy_identify.friction_and_thermal import FrictionReport
 from robot_energy_identify.plausibility import check_friction
@@ -505,3 +508,10 @@ def test_a_motion_that_determines_no_gravity_is_refused_in_words_of_the_joint():
     still = np.ones((len(data), 2))
     with pytest.raises(NotIdentifiableError, match="gravity term 1"):
         fit_friction(replace(data, nuisance=still))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_recording_without_samples_has_no_rows_of_friction():
+    read = read_recording(ROOT / "bags/kr16_cold", load("kr16"), EffortMeaning.MOTOR_TORQUE)
+    none = replace(read, torque=read.torque[:0], power=read.power[:0])
+    assert len(friction_data([none], 0)) == 0
