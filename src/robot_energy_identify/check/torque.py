@@ -10,7 +10,7 @@ judged from the recording.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated
 
@@ -208,11 +208,9 @@ def _other_robot(evidence: Evidence, last: TorqueFit, alone: Sequence[TorqueFit]
     for name in shipped_models():
         model = load(name)
         if model.joint_names == evidence.names and model.robot.type != evidence.model.robot.type:
-            fit = TorqueFit(_as_model(evidence, model).thinned())
-            if np.array_equal(fit.known, last.known):  # without a joint, a cost means less
-                fits[name] = fit
-    best = min(fits, key=lambda name: fits[name].cost, default="")
-    if not best or not last.cost - fits[best].cost > NEEDED or _not_mended(fits[best], ()):
+            fits[name] = TorqueFit(_as_model(evidence, model).thinned())
+    best = clearly_likelier(fits, last)
+    if not best or _not_mended(fits[best], ()):
         return None
     model = fits[best].evidence.model
     if any(TorqueFit(_as_model(part.evidence, model)).cost > part.cost + ALIKE for part in alone):
@@ -224,6 +222,18 @@ def _other_robot(evidence: Evidence, last: TorqueFit, alone: Sequence[TorqueFit]
         last.cost - fits[best].cost,
         f"take {best} as the model (--model), or one that began with it",
     )  # fmt: skip
+
+
+def clearly_likelier(fits: Mapping[str, TorqueFit], last: TorqueFit) -> str:
+    """Return the model that explains the torque of the same joints far better; empty for none.
+
+    Args:
+        fits: By the name of the model. One without the torque of a joint costs less.
+        last: With the model of the recording.
+    """
+    same = {name: fit.cost for name, fit in fits.items() if np.array_equal(fit.known, last.known)}
+    best = min(same, key=lambda name: same[name], default="")
+    return best if best and last.cost - same[best] > NEEDED else ""
 
 
 def _as_model(evidence: Evidence, model: RobotModel) -> Evidence:

@@ -15,6 +15,8 @@ A first-order low pass ``T dy/dt = x - y`` is found in the same way, with low-pa
 the delay is free meanwhile; what the drives feed back counts as 0 in it, and the DC link as empty.
 Copper losses have a factor for each drive, and power counts from its mean over some seconds:
 a level that is off, as friction of another temperature is, would be taken up by the low pass.
+A low pass also averages the noise of the torque. One that runs backwards in time averages it as
+well, and no meter is one: a low pass is applied only where it explains the readings better.
 It is undone in `robot_energy_identify.data.recordings`. An energy counter has none.
 """
 
@@ -122,7 +124,26 @@ def estimate_time_constant(data: DriveData, ahead: bool = False) -> Delay | None
         return found
     closer = _at_best_lags(error)
     finer = best_delay(near, closer[:, 1:], closer[:, 0], span, MIN_GAIN)
-    return found if finer.at_edge else finer
+    found = found if finer.at_edge else finer
+    best = int(error.sum(axis=0)[1:].min(axis=0).argmin())
+    lag = float(np.append(alone, late)[best])
+    if found.applied > 0.0 and _averages_noise(data, found.applied, lag + step * fine[::2]):
+        return replace(found, applied=0.0)
+    return found
+
+
+def _averages_noise(data: DriveData, constant: float, lags: Float) -> bool:
+    """Whether a low pass [s] explains the readings no better than one backwards in time.
+
+    Backwards the columns are earlier by twice the constant. False where the readings are too few.
+    """
+    columns = _columns_of_low_pass(data)
+    passed = (_low_passed(data, columns, constant, backwards) for backwards in (False, True))
+    error = _errors(data, np.append(lags, lags + 2.0 * constant), passed, about_mean=True)
+    if error is None:
+        return False
+    ours, backwards = error.sum(axis=0).reshape(2, -1).min(axis=1).tolist()
+    return np.sqrt(ours) > (1.0 - MIN_GAIN) * np.sqrt(backwards)
 
 
 def _without_counter(meter: MeterBlock | None) -> MeterBlock | None:
@@ -138,15 +159,20 @@ def _at_best_lags(error: Float) -> Float:
 
 def _errors_of_both(data: DriveData, constants: Float, lags: Float) -> Float | None:
     """Squared error of every fold with each low pass [s] and lag [s], (folds, constants, lags)."""
-    _, copper, *others = np.moveaxis(data.loss_columns(), -1, 0)
-    summed = [column.sum(axis=1) for column in others]
-    columns = np.column_stack([data.supplied_power, copper, *summed])
+    columns = _columns_of_low_pass(data)
     passed = (_low_passed(data, columns, constant) for constant in constants.tolist())
     error = _errors(data, lags, passed, about_mean=True)
     return None if error is None else error.reshape(-1, len(constants), len(lags))
 
 
-def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
+def _columns_of_low_pass(data: DriveData) -> Float:
+    """Shaft power, copper losses of each drive and other losses of all, shape (N, 3 + n)."""
+    _, copper, *others = np.moveaxis(data.loss_columns(), -1, 0)
+    summed = [column.sum(axis=1) for column in others]
+    return np.column_stack([data.supplied_power, copper, *summed])
+
+
+def _low_passed(data: DriveData, columns: Float, constant: float, backwards: bool = False) -> Float:
     """The columns behind a low pass [s] that starts settled in every stretch."""
     from scipy.signal import lfilter
 
@@ -161,11 +187,12 @@ def _low_passed(data: DriveData, columns: Float, constant: float) -> Float:
     for part, periods in zip(
         np.split(np.nan_to_num(drawn), edges), np.split(data.periods, edges), strict=True
     ):
+        part = part[::-1] if backwards else part
         kept = float(np.exp(-periods[0] / constant))
         before = (1.0 - kept) * constant / float(periods[0])  # of straight lines between samples
         ends = [1.0 - before, before - kept]
         passed = lfilter(ends, [1.0, -kept], part, axis=0, zi=before * part[:1])[0]
-        parts.append(np.asarray(passed))
+        parts.append(np.asarray(passed)[::-1] if backwards else np.asarray(passed))
     return np.where(known, np.concatenate(parts), np.nan)
 
 

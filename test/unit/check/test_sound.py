@@ -17,9 +17,9 @@ from robot_energy.replay.bag_replay import replay
 from robot_energy.replay.setup import ReplaySetup
 from robot_energy.timeline.blocks import EffortMeaning
 from robot_energy_identify.api.identify import identify_friction
-from robot_energy_identify.check import check, check_together, torque
+from robot_energy_identify.check import check, check_together
 from robot_energy_identify.check.evidence import MAX_SAMPLES, Windows
-from robot_energy_identify.check.torque import check_torque
+from robot_energy_identify.check.torque import check_torque, clearly_likelier
 from robot_energy_identify.data.recordings import read_recording
 from robot_energy_identify.refused_recordings import torque_evidence
 from sound_recordings import foreign, on_the_rig, with_remedy, write_states
@@ -217,26 +217,12 @@ def test_a_long_recording_is_kept_in_windows_that_are_spread_over_it():
     ("gain", "joints", "named"), [(12.1, 6, True), (11.9, 6, False), (99.0, 5, False)]
 )
 def test_another_robot_must_be_clearly_likelier_by_the_torque_of_the_same_joints(
-    monkeypatch, gain, joints, named
+    gain, joints, named
 ):
     """A joint whose torque a model does not give costs nothing."""
-    costs = {load("ur3e").robot.type: (100.0 - gain, joints), load("ur10e").robot.type: (200.0, 6)}
 
-    def fit(model):
-        cost, known = costs[model.robot.type]
-        return SimpleNamespace(
-            cost=cost, known=np.arange(6) < known, evidence=SimpleNamespace(model=model)
-        )
+    def fit(cost, known=6):
+        return SimpleNamespace(cost=cost, known=np.arange(6) < known)
 
-    monkeypatch.setattr(torque, "TorqueFit", lambda evidence: fit(evidence.model))
-    monkeypatch.setattr(
-        torque,
-        "_as_model",
-        lambda _, model: SimpleNamespace(thinned=lambda: SimpleNamespace(model=model)),
-    )
-    monkeypatch.setattr(torque, "_not_mended", lambda *_: "")
-    model = load("ur5e")
-    evidence = SimpleNamespace(names=model.joint_names, model=model)
-    last = SimpleNamespace(cost=100.0, known=np.full(6, True))
-    found = torque._other_robot(evidence, last, [])
-    assert (found is not None and "ur3e" in found.sentence) is named
+    fits = {"ur3e": fit(100.0 - gain, joints), "ur10e": fit(200.0)}
+    assert clearly_likelier(fits, fit(100.0)) == ("ur3e" if named else "")

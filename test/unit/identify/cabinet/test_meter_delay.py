@@ -12,6 +12,7 @@ import pytest
 
 from places import ROOT
 from plants import LIMITS, PROGRAM, two_link_profile
+from robot_energy.accounting.power_curve import MeterLimits
 from robot_energy.foundation.errors import ImplausibleIdentificationError
 from robot_energy.model import load
 from robot_energy.timeline.blocks import EffortMeaning, MeterBlock, MeterLocation, MeterMeaning
@@ -25,7 +26,7 @@ from robot_energy_identify.drives.delays import (
     meter_lags,
     with_meters_earlier,
 )
-from robot_energy_identify.drives.drive_data import drive_data
+from robot_energy_identify.drives.drive_data import DriveData, drive_data
 from robot_energy_identify.drives.total_power import fit_total
 from robot_energy_identify.drives.total_sums import sums
 from robot_energy_identify.refused_recordings import on_one_clock, refuse_meter
@@ -343,3 +344,36 @@ def test_readings_that_are_not_used_take_no_memory_at_each_delay(varied, monkeyp
     finally:
         tracemalloc.stop()
     assert peak < 60e6
+
+
+def late_by_25_ms(noise):
+    """A made-up drive with a late meter of 50 Hz without low pass, and noise in its torque."""
+    rng = np.random.default_rng(0)
+    stamp = np.arange(6000) * 10_000_000
+    second = stamp * 1e-9
+    velocity = sum(40.0 * np.sin(w * second + w) for w in (1.3, 2.9, 4.1))
+    torque = 0.02 * np.gradient(velocity, second) + 0.6 * np.tanh(velocity) + 2.0
+    power = torque * velocity + 4.0 * torque**2 + 0.02 * np.abs(velocity) + 180.0
+    area = np.append(0.0, np.cumsum(0.5 * (power[1:] + power[:-1]))) * 0.01
+    rows = np.arange(2, 6000, 2)
+    meter = MeterBlock(
+        stamp[rows] + 25_000_000,
+        (area[rows] - area[rows - 2]) / 0.02,
+        np.full(len(rows), np.nan),
+        np.full(len(rows), 0.02),
+        MeterMeaning.MEAN_OVER_INTERVAL,
+        MeterLocation.GRID,
+    )
+    read = (torque + noise * rng.normal(size=len(torque)))[:, None]
+    zero = np.zeros(len(stamp), dtype=np.int64)
+    return DriveData(
+        ("a",), stamp, zero, zero, velocity[:, None], read, np.full_like(read, 40.0),
+        np.full_like(read, np.nan), (meter,), (MeterLimits(),), zero.astype(bool), read,
+    )  # fmt: skip
+
+
+def test_a_low_pass_that_averages_the_noise_of_the_torque_is_not_applied():
+    found = estimate_time_constant(late_by_25_ms(noise=0.2))
+    assert found.value > 0.01
+    assert found.gain > 0.05
+    assert found.applied == 0.0
