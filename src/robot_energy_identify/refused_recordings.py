@@ -232,7 +232,7 @@ def _measured(recording: Recording) -> tuple[Int, Float]:
 
 
 def _changes(stamps: Int, values: Float) -> tuple[Int, Float]:
-    """Return what is no repetition: rows of known values that differ from the row before.
+    """Return rows of known values that differ from the row before.
 
     A column that is never known is 0. Drives that are off repeat their torque, those of every day.
     """

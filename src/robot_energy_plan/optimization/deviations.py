@@ -116,7 +116,7 @@ class EnergyDeviations:
         if figures.exponent_std is not None:
             bent = figures.by_exponent(motor_velocity, figures.exponent_std)
             square = square * bent[0]
-        # With the tag there is no part for a payload that was changed in the file.
+        # With the tag, a payload that was changed in the file adds nothing.
         carried = rigid_power * (0.0 if figures.with_payload else figures.payload_share)
         at_bus = [
             figures.bodies * (rigid_power - carried).sum(axis=1)[:, None],

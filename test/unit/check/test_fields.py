@@ -224,7 +224,7 @@ def test_readings_that_are_repeated_count_once(times, tmp_path):
 
 @pytest.mark.parametrize(("offset", "factor"), [(1e6, 1.0), (0.0, 1.0 / 3600.0)])
 def test_a_counter_that_jumps_has_no_other_unit_and_no_other_sign(offset, factor, tmp_path):
-    """By 1 MJ, or from J to Wh: what its decoder leaves out is no power."""
+    """By 1 MJ, or from J to Wh: what its decoder leaves out does not count as power."""
     total: list[float] = [0.0]
 
     def counted(message: Any) -> None:
